@@ -1,0 +1,135 @@
+"""Lists of cells of a grid, and sums over near cells of two lists.
+
+The cells of a list are stored in *segments* too: eight cells of a row, aligned, of which at least one is listed. Loops
+over segments have no branches, and are several times faster than loops over cells.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from app.halfspace.list_kernels import SEGMENT, sum_local
+
+_BLOCKS = 64  # largest number of blocks in each direction, to estimate the number of pairs
+
+
+class Runs(NamedTuple):
+    """Runs of neighbouring cells of a row."""
+
+    rows: np.ndarray  # first run of each row, shape (ny + 1,)
+    start: np.ndarray  # first column of each run
+    stop: np.ndarray  # column after the last one
+    offset: np.ndarray  # position of the first cell in the list
+
+
+class Segments(NamedTuple):
+    """Segments that contain listed cells."""
+
+    rows: np.ndarray  # rows with segments
+    starts: np.ndarray  # first segment of each row, shape (ny + 1,)
+    columns: np.ndarray  # position of each segment in its row [segments]
+    slots: np.ndarray  # positions of the listed cells among the cells of all segments
+
+    @property
+    def cells(self):
+        """Number of cells of all segments."""
+        return SEGMENT * len(self.columns)
+
+
+class CellList:
+    """Cells of a grid, sorted row by row.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    cells : ndarray
+        Sorted flat indices ``iy nx + ix``, or an array of bool of the grid's shape.
+
+    Attributes
+    ----------
+    cells, ix, iy : ndarray of int
+        Flat indices, columns and rows.
+    """
+
+    def __init__(self, grid, cells):
+        cells = np.asarray(cells)
+        self.grid = grid
+        self.cells = np.flatnonzero(cells) if cells.dtype == bool else cells.astype(np.int64, copy=False)
+        self.iy, self.ix = np.divmod(self.cells, grid.nx)
+
+    def __len__(self):
+        return len(self.cells)
+
+    def _first_of_rows(self, iy):
+        return np.searchsorted(iy, np.arange(self.grid.ny + 1))
+
+    @cached_property
+    def runs(self):
+        """Runs of neighbouring cells."""
+        first = np.flatnonzero((np.diff(self.cells, prepend=-2) != 1) | (self.ix == 0))
+        start, length = self.ix[first], np.diff(first, append=len(self))
+        return Runs(self._first_of_rows(self.iy[first]), start, start + length, first)
+
+    @cached_property
+    def segments(self):
+        """Segments that contain the cells."""
+        column = self.ix // SEGMENT
+        new = (np.diff(column, prepend=-1) != 0) | (np.diff(self.iy, prepend=-1) != 0)
+        iy, slots = self.iy[new], SEGMENT * (np.cumsum(new) - 1) + self.ix % SEGMENT
+        return Segments(iy[np.diff(iy, prepend=-1) != 0], self._first_of_rows(iy), column[new], slots)
+
+
+class LocalSum:
+    """Sums over near cells: the convolution with a small even table.
+
+    `quadrant` has the coefficients at offsets in y and x, from 0 on.
+    """
+
+    def __init__(self, quadrant):
+        rows, columns = quadrant.shape
+        last = columns - 1 - np.argmax(quadrant[:, ::-1] != 0, axis=1)
+        self._reach = (last + SEGMENT - 1) // SEGMENT
+        centre = SEGMENT * (int(self._reach.max()) + 1)
+        self._table = np.zeros((rows, 2 * centre + 1))
+        self._table[:, centre : centre + columns] = quadrant
+        self._table[:, centre - columns + 1 : centre + 1] = quadrant[:, ::-1]
+        self._first = np.empty(2 * rows - 1, np.int64)
+
+    def apply(self, sources, p, targets, out=None):
+        """Return the sums at the targets, added to `out` if it is given."""
+        of, to = sources.segments, targets.segments
+        values, sums = np.zeros(of.cells), np.zeros(to.cells)
+        values[of.slots] = p
+        sum_local(
+            to.rows, to.starts, to.columns, of.starts, of.columns, values, self._table, self._reach, self._first, sums
+        )  # fmt: skip
+        if out is None:
+            return sums[to.slots]
+        out += sums[to.slots]
+        return out
+
+
+def estimate_pairs(sources, targets, radius):
+    """Return about how many pairs of segments are nearer than a radius.
+
+    `radius` is a pair for y and x [cells]. The numbers of segments in blocks of about half a radius are multiplied, so
+    the time does not depend on the number of pairs.
+    """
+    shape = targets.grid.ny, -(-targets.grid.nx // SEGMENT)
+    radius = radius[0] + 0.5, (radius[1] + SEGMENT / 2) / SEGMENT
+    sides = [max(1, int(r / 2), -(-n // _BLOCKS)) for r, n in zip(radius, shape, strict=True)]
+    counts = [-(-n // side) for n, side in zip(shape, sides, strict=True)]
+    spectra = []
+    for cells in (sources, targets):
+        segments = cells.segments
+        iy = np.repeat(np.arange(shape[0]), np.diff(segments.starts)) // sides[0]
+        blocks = np.bincount(iy * counts[1] + segments.columns // sides[1], minlength=counts[0] * counts[1])
+        spectra.append(np.fft.rfft2(blocks.reshape(counts), s=[2 * count for count in counts]))
+    pairs = np.fft.irfft2(spectra[0] * spectra[1].conj(), s=[2 * count for count in counts])
+    # Offsets between two blocks, in radii, at some places inside the blocks.
+    y, x = ((np.minimum(np.arange(2 * count), 2 * count - np.arange(2 * count))[:, None] + np.linspace(-0.75, 0.75, 5))
+            * side / r for count, side, r in zip(counts, sides, radius, strict=True))  # fmt: skip
+    near = (y**2)[:, None, :, None] + (x**2)[None, :, None, :] <= 1
+    return float((pairs * near.mean(axis=(2, 3))).sum())

@@ -1,0 +1,295 @@
+"""Products u = A p from a list of cells to another list of cells.
+
+If few cells are in contact, a product on all cells of a grid takes much more time than is necessary. Here the time
+depends on the lists, and no array has the size of the grid. The method is Ewald's split: the influence coefficients K
+of cells (2.4) are the sum of a smooth part S and a local part.
+
+The kernel ``1/r = 2/sqrt(pi) * (integral of exp(-r^2 t^2) over t > 0)`` is a sum of Gaussians; those with t < a are the
+smooth part. A quadrature has the nodes t_k and the weights w_k. A Gaussian is a product of a function of x and a
+function of y, and so is its integral over a cell:
+
+    S(x, y) = compliance * sum_k w_k g_k(x) g_k(y),    g_k(x) = integral of exp(-t_k^2 s^2) over |s - x| < dx / 2
+
+and K - S decreases like erfc(a r) / r.
+
+- *Local part.* A table has K - S at all offsets up to a radius, 4 / a. The sums over pairs of near cells are products
+  of a pressure and an entry of the table.
+- *Smooth part.* S has hardly any waves shorter than two spacings of a coarse grid of nodes. A window spreads pressures
+  to the nodes around each cell, as in non-uniform fast Fourier transforms. The nodal values are padded by zeros,
+  transformed, and multiplied by the spectrum of S over the square of that of the window. The window gathers the
+  displacements of cells from those of the nodes.
+
+Error bound
+-----------
+`ListProduct.error_bound` limits the error of all coefficients. So the error of u is at most this number times the sum
+of ``|p|``. The number is the sum of two.
+
+*Cut.* The local part is zero beyond the radius. K - S is positive there, and decreases with abs(x) and with abs(y), as
+all Gaussians with t > a do. So the error is largest at the first offset outside in one of the rows.
+
+*Nodes.* Consider Gaussian k in one direction, with lengths in spacings of nodes. Let M be the period of the nodes, and
+E the coefficient that window, transforms and window make of it. Let g be g_k, periodic and smooth: ``g(x) = sum_n (g_k
+f)(x + n M)``, where f fades from 1 to 0 around abs(x) = M / 2, and ``sum_n f(x + n M) = 1``. Let c_q be the Fourier
+coefficients of g.
+
+1. ``|g - g_k| <= (1 - f) g_k(0)`` at all offsets of the patch, because g_k is largest at 0.
+2. The samples of g at nodes have the coefficients ``d_q = sum_m c_(q + m M)``. The sum of their waves with ``|q| <= M /
+   2`` differs from g by at most twice the sum of ``|c_q|`` over all other q.
+3. The window makes ``W_q exp(i q x) (1 + e_q(x))`` of a wave of the nodes, with a factor W_q that the spectrum is
+   divided by. So E is the sum of the waves ``d_q exp(i q (x - x')) (1 + e_q(x)) (1 + conj(e_q(x')))``. It differs from
+   the sum of waves in 2. by at most the sum of ``|d_q| ((1 + e_q)^2 - 1)``, where e_q is the largest ``|e_q(x)|``. Cell
+   centres have as many positions x relative to nodes as there are cells between nodes, so the largest one is found.
+
+Let D_k be the sum of the three numbers for x, and D'_k for y. The Gaussians g_k are between 0 and dx, or dy. So the
+error of a coefficient is at most ``compliance * sum_k w_k ((dx + D_k) (dy + D'_k) - dx dy)``.
+
+No offset and no position is left out. The largest error of a coefficient is about half of the bound. Not included are
+rounding, and the error of the quadrature outside the radius, 1e-11 of S(0, 0); inside, the table corrects it.
+"""
+
+import numpy as np
+from scipy.special import erf, erfc
+
+from app.base.errors import InputError
+from app.halfspace.cell_list import LocalSum, estimate_pairs
+from app.halfspace.fft.lengths import fast_length
+from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
+from app.halfspace.list_kernels import gather, spread
+
+# The error of the nodes is 1e-8 of S(0, 0), that of the cut 3e-9.
+_SPLIT = 0.4  # a times the spacing of nodes
+_CUTOFF = 4.0  # a times the radius of the local part
+_WINDOW = 12  # nodes of the window in each direction; even
+_WINDOW_SHAPE = 1.9 * _WINDOW  # beta of the window exp(beta (sqrt(1 - z^2) - 1)), abs(z) < 1
+_FADE, _FADE_NODES = 4.3, 10  # erfc(4.3) is 1e-9; nodes in which a Gaussian fades out, up to half the period
+_GAUSSIANS = 64
+_CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least four times as wide as a cell.
+_SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
+_MOST_NODES = 150  # in each direction, if nothing is known about the lists
+_LARGEST_TABLE = 4096  # cells of a grid on which all pairs of cells are summed
+# Times in units of a point of a transform.
+_PAIR, _WINDOW_NODE, _NODE = 0.7, 0.05, 0.6  # of a pair of segments, a node of a window, and a node
+
+
+class ListProduct:
+    """Product u = A p between lists of cells, on a free patch of half-spaces.
+
+    Any rank that has all pressures can compute u in any cells. So a product sends no messages, and is the same on any
+    number of ranks, up to rounding.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid; `suits` must be true.
+    kernel : HalfSpaceKernel
+        The kernel.
+    cells : CellList, optional
+        Cells about as many and as clustered as in later products. The spacing of nodes is chosen for them.
+    spacing : int, optional
+        Spacing of nodes in units of a cell's longer side; 0 for sums over all pairs of cells.
+
+    Attributes
+    ----------
+    error_bound : float
+        Largest error of an influence coefficient [mm / (N/mm2)]. The error of u is at most this number times the sum of
+        ``|p|`` [N/mm2] over all sources.
+    radius : float
+        Radius of the local part [mm].
+    """
+
+    def __init__(self, grid, kernel, *, cells=None, spacing=None):
+        if not self.suits(grid, kernel):
+            raise InputError("list products need a free patch of half-spaces")
+        self.grid, self.kernel = grid, kernel
+        self._split = split = _choose_split(grid, cells) if spacing is None else _Split(grid, spacing)
+        self.spacing, self.radius = split.spacing, split.radius
+        self.diagonal = kernel.self_displacement(grid)
+        if not split.spacing:
+            self._local = LocalSum(kernel.coefficients(grid, np.arange(grid.ny), grid.nx))
+            self.error_bound = 0.0
+            return
+        t, weights = gaussians(split.a, np.hypot(*grid.sides))
+        weights *= kernel.compliance
+        numbers = zip(grid.shape, split.sizes, split.steps, split.periods, strict=True)
+        self._axes = in_y, in_x = [_Axis(*each, t) for each in numbers]
+        self._nodes = np.empty((in_y.nodes, in_x.nodes))
+        self._smooth = EvenMultiplier(self._nodes.shape, split.periods)
+        self._smooth.set_spectrum(
+            lambda columns, rows: (in_x.spectrum[:, columns].T * weights) @ in_y.spectrum
+        )
+        quadrant, cut = self._local_part(t, weights)
+        self._local = LocalSum(quadrant)
+        products = (in_y.errors + grid.dy) * (in_x.errors + grid.dx)
+        self.error_bound = cut + float(weights @ (products - grid.cell_area))
+
+    @staticmethod
+    def suits(grid, kernel):
+        """Return whether list products are possible."""
+        return not grid.periodic and kernel.scale_free
+
+    def _local_part(self, t, weights):
+        """Return K - S inside the radius, and its largest value outside."""
+        grid, sides = self.grid, zip(self.grid.shape, self._split.sizes, strict=True)
+        y, x = (size * np.arange(min(n, int(self.radius / size) + 2)) for n, size in sides)
+        smooth = (_cell_integrals(y, grid.dy, t) * weights) @ _cell_integrals(x, grid.dx, t).T
+        table = self.kernel.coefficients(grid, np.arange(len(y)), len(x)) - smooth
+        outside = np.hypot(y[:, None], x) > self.radius
+        cut = float(np.abs(table[outside]).max(initial=0.0))
+        table[outside] = 0.0
+        rows = len(y) - int(y[-1] > self.radius)
+        return table[:rows], cut
+
+    def apply(self, sources, p, targets, out=None):
+        """Return u at the targets [mm].
+
+        Parameters
+        ----------
+        sources, targets : CellList
+            Cells with pressures, and cells in which u is computed.
+        p : ndarray, shape (sources,)
+            Pressures [N/mm2].
+        out : ndarray, shape (targets,), optional
+            Array for u.
+        """
+        u = self._local.apply(sources, p, targets)
+        if self.spacing and len(sources) and len(targets):
+            nodes, (in_y, in_x), sums = self._nodes, (axis.weights for axis in self._axes), np.empty(_WINDOW)
+            nodes[:] = 0.0
+            spread(sources.ix, sources.iy, np.ascontiguousarray(p, float), in_x, in_y, sums, nodes)
+            self._smooth.apply(nodes, nodes)
+            gather(targets.ix, targets.iy, nodes, in_x, in_y, sums, u)
+        if out is None:
+            return u
+        out[:] = u
+        return out
+
+    def cost(self, sources, targets):
+        """Return the estimated time of a product, in the time of a point of a transform.
+
+        `EvenMultiplier.periods` has the numbers of points of a product on all cells.
+        """
+        return self._split.cost(sources, targets)
+
+    def stencil(self, radius):
+        """Return the sums with an inverse of A, cut off at `radius` cells.
+
+        The inverse is that of a periodic patch of 8 times the radius, and zero on constants. Its off-diagonal
+        coefficients are negative (nearly all, if cells are long), so the cut makes it positive definite.
+        """
+        period, offsets = 8 * radius, np.arange(4 * radius + 1)
+        waves = self.kernel.coefficients(self.grid, offsets, len(offsets))
+        for _ in range(2):
+            waves = transform_even(waves, period).T.copy()
+        inverse = np.divide(1.0, waves, out=np.zeros_like(waves), where=waves > 0)
+        inverse[0, 0] = 0.0
+        for _ in range(2):
+            inverse = transform_even(inverse, period).T.copy() / period
+        inverse = inverse[: radius + 1, : radius + 1]
+        inverse[np.hypot(*np.ogrid[: radius + 1, : radius + 1]) > radius] = 0.0
+        return LocalSum(inverse)
+
+
+def _choose_split(grid, cells):
+    """Return the split whose products from `cells` to `cells` take the least time."""
+    if grid.n <= _LARGEST_TABLE:
+        return _Split(grid, 0)
+    splits = [_Split(grid, spacing) for spacing in _SPACINGS]
+    if cells is None:
+        return next((s for s in splits if max(grid.shape) <= _MOST_NODES * min(s.steps)), splits[-1])
+    return min(splits, key=lambda split: split.cost(cells, cells))
+
+
+class _Split:
+    """Numbers of a split with the given spacing of nodes; see `ListProduct`."""
+
+    def __init__(self, grid, spacing):
+        self.spacing, self.sizes = spacing, (grid.dy, grid.dx)
+        if not spacing:
+            self.radius, self.periods = float(np.hypot(*grid.sides)), (0, 0)
+            return
+        self.steps = [round(spacing * max(self.sizes) / size) for size in self.sizes]
+        self.a = _SPLIT / max(step * size for step, size in zip(self.steps, self.sizes, strict=True))
+        self.radius = _CUTOFF / self.a
+        nodes = (-(-n // step) for n, step in zip(grid.shape, self.steps, strict=True))
+        self.periods = tuple(fast_length(2 * (n + _FADE_NODES), even=True) for n in nodes)
+
+    def cost(self, sources, targets):
+        """Return the estimated time of a product; see `ListProduct.cost`."""
+        pairs = estimate_pairs(sources, targets, [self.radius / size for size in self.sizes])
+        windows = _WINDOW**2 * (len(sources) + len(targets)) if self.spacing else 0
+        return _PAIR * pairs + _WINDOW_NODE * windows + _NODE * self.periods[0] * self.periods[1]
+
+
+class _Axis:
+    """Nodes in one direction, and Gaussians ``exp(-t^2 s^2)`` on them.
+
+    Parameters
+    ----------
+    n, size : int, float
+        Number of cells, and their size [mm].
+    step : int
+        Cells between nodes.
+    period : int
+        Number of nodes, with padding.
+    t : ndarray
+        Inverse widths of the Gaussians [1/mm].
+
+    Attributes
+    ----------
+    weights : ndarray, shape (cells between nodes, nodes)
+        Weights of the window's nodes around a cell.
+    spectrum : ndarray, shape (Gaussians, period // 2 + 1)
+        Spectra of the integrals over a cell, divided by the square of the window's [mm].
+    errors : ndarray, shape (Gaussians,)
+        Largest errors of the integrals [mm].
+    """
+
+    def __init__(self, n, size, step, period, t):
+        self.nodes = (n - 1) // step + _WINDOW
+        cells = (np.arange(min(n, step)) + 0.5) / step
+        nodes = np.arange(_WINDOW) + 1 - _WINDOW // 2
+        z = (cells[:, None] - nodes) * 2 / _WINDOW
+        weights = np.exp(_WINDOW_SHAPE * (np.sqrt(1 - z**2) - 1))
+        self.weights = np.zeros((step, _WINDOW))
+        self.weights[: len(cells)] = weights
+
+        half = period // 2
+        wave = 2 * np.pi * np.arange(half + 1) / period
+        windows = weights @ np.exp(1j * np.outer(nodes, wave)) * np.exp(-1j * np.outer(cells, wave))
+        window = windows.real.mean(axis=0)
+        window_errors = np.abs(windows / window - 1).max(axis=0)
+
+        # Points at half the spacing of nodes show the waves that nodes do not resolve.
+        x, gap = np.arange(period + 1) / 2, half - (n - 0.5) / step
+        points = np.zeros((len(t), period + 1))
+        for image in (x - period, x, x + period):
+            fade = (erf(_FADE / gap * (image + half)) - erf(_FADE / gap * (image - half))) / 2
+            points += fade * np.exp(-(np.outer(step * size * t, image) ** 2))
+        waves = transform_even(points, 2 * period) * (size / (2 * period))
+        waves *= np.sinc(np.arange(period + 1) / (period * step))  # mean over a cell
+        on_nodes = waves[:, : half + 1] + waves[:, : half - 1 : -1]
+        self.spectrum = on_nodes * (period / window**2)
+        multiplicity = np.where(np.arange(half + 1) % half, 2, 1)
+        self.errors = np.abs(on_nodes) @ (multiplicity * ((1 + window_errors) ** 2 - 1))
+        self.errors += 4 * np.abs(waves[:, half:]).sum(axis=1) + erfc(_FADE) * size
+
+
+def gaussians(a, longest):
+    """Return inverse widths t and weights of Gaussians whose sum is erf(a r) / r.
+
+    `longest` is the largest distance r. The error is below 1e-11 a for a r up to 1e4.
+    """
+    places, weights = np.polynomial.legendre.leggauss(_GAUSSIANS)
+    stretch = np.log1p(a * longest)
+    growth = np.exp(stretch * (1 + places) / 2)
+    scale = a / np.expm1(stretch)
+    return scale * (growth - 1), scale * stretch * growth * weights / np.sqrt(np.pi)
+
+
+def _cell_integrals(x, size, t):
+    """Return integrals of ``exp(-t^2 s^2)`` over cells with centres x, shape (cells, Gaussians)."""
+    places, weights = _CELL
+    return sum(
+        weight * size / 2 * np.exp(-(np.outer(x + size / 2 * place, t) ** 2))
+        for place, weight in zip(places, weights, strict=True)
+    )
