@@ -322,6 +322,10 @@ class HalfSpaceKernel(Kernel):
         """Return coefficients for unit compliance; see `Kernel.unit_coefficients`."""
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
+    def layer_influence(self, distances):
+        """Return zeros: half-spaces have no layers."""
+        return np.zeros_like(distances)
+
     def scale_sampled(self, eigenvalues, grid, columns, rows):
         """Return the eigenvalues times the compliance, which all waves have."""
         return self.compliance * eigenvalues

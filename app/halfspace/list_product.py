@@ -2,18 +2,18 @@
 
 If few cells are in contact, a product on all cells of a grid takes much more time than is necessary. Here the time
 depends on the lists, and no array has the size of the grid. The method is Ewald's split: the influence coefficients K
-of cells (2.4) are the sum of a smooth part S and a local part.
+of cells are the sum of a smooth part S and a local part.
 
-The kernel ``1/r = 2/sqrt(pi) * (integral of exp(-r^2 t^2) over t > 0)`` is a sum of Gaussians; those with t < a are the
-smooth part. A quadrature has the nodes t_k and the weights w_k. A Gaussian is a product of a function of x and a
-function of y, and so is its integral over a cell:
+A point force displaces the surface by k(r) at the distance r. From a radius on, k is a sum of Gaussians that are not
+narrower than 1 / a, where a is three over the radius. For half-spaces, ``1/r = 2/sqrt(pi) * (integral of exp(-r^2 t^2)
+over t > 0)`` shows this: those with t > a are negligible there. The images of a force in a layer have similar
+integrals. The weights w_k for fixed t_k are fitted to k by least squares. A Gaussian is a product of a function of x
+and a function of y, and so is its integral over a cell:
 
-    S(x, y) = compliance * sum_k w_k g_k(x) g_k(y),    g_k(x) = integral of exp(-t_k^2 s^2) over |s - x| < dx / 2
+    S(x, y) = sum_k w_k g_k(x) g_k(y),    g_k(x) = integral of exp(-t_k^2 s^2) over |s - x| < dx / 2
 
-and K - S decreases like erfc(a r) / r.
-
-- *Local part.* A table has K - S at all offsets up to a radius, 4 / a. The sums over pairs of near cells are products
-  of a pressure and an entry of the table.
+- *Local part.* A table has K - S at all offsets up to the radius. The sums over pairs of near cells are products of a
+  pressure and an entry of the table.
 - *Smooth part.* S has hardly any waves shorter than two spacings of a coarse grid of nodes. A window spreads pressures
   to the nodes around each cell, as in non-uniform fast Fourier transforms. The nodal values are padded by zeros,
   transformed, and multiplied by the spectrum of S over the square of that of the window. The window gathers the
@@ -24,11 +24,14 @@ Error bound
 `ListProduct.error_bound` limits the error of all coefficients. So the error of u is at most this number times the sum
 of ``|p|``. The number is the sum of two.
 
-*Cut.* The local part is zero beyond the radius. K - S is positive there, and decreases with abs(x) and with abs(y), as
-all Gaussians with t > a do. So the error is largest at the first offset outside in one of the rows.
+*Fit.* The error of a coefficient beyond the radius is an integral over a cell of the error e(r) of the fit. So it is at
+most the area of a cell times the largest ``|e|`` from half the diagonal of a cell inside the radius to the diagonal of
+the patch. As a function of ln r, e is analytic and bounded for imaginary parts up to pi / 4. So up to rounding it is a
+polynomial of degree 200 on this interval. If ``|e|`` is at most E at the 600 Chebyshev points, then it is at most ``E /
+cos(pi / 6)`` in between [1]_.
 
 *Nodes.* Consider Gaussian k in one direction, with lengths in spacings of nodes. Let M be the period of the nodes, and
-E the coefficient that window, transforms and window make of it. Let g be g_k, periodic and smooth: ``g(x) = sum_n (g_k
+C the coefficient that window, transforms and window make of it. Let g be g_k, periodic and smooth: ``g(x) = sum_n (g_k
 f)(x + n M)``, where f fades from 1 to 0 around abs(x) = M / 2, and ``sum_n f(x + n M) = 1``. Let c_q be the Fourier
 coefficients of g.
 
@@ -36,15 +39,19 @@ coefficients of g.
 2. The samples of g at nodes have the coefficients ``d_q = sum_m c_(q + m M)``. The sum of their waves with ``|q| <= M /
    2`` differs from g by at most twice the sum of ``|c_q|`` over all other q.
 3. The window makes ``W_q exp(i q x) (1 + e_q(x))`` of a wave of the nodes, with a factor W_q that the spectrum is
-   divided by. So E is the sum of the waves ``d_q exp(i q (x - x')) (1 + e_q(x)) (1 + conj(e_q(x')))``. It differs from
+   divided by. So C is the sum of the waves ``d_q exp(i q (x - x')) (1 + e_q(x)) (1 + conj(e_q(x')))``. It differs from
    the sum of waves in 2. by at most the sum of ``|d_q| ((1 + e_q)^2 - 1)``, where e_q is the largest ``|e_q(x)|``. Cell
    centres have as many positions x relative to nodes as there are cells between nodes, so the largest one is found.
 
 Let D_k be the sum of the three numbers for x, and D'_k for y. The Gaussians g_k are between 0 and dx, or dy. So the
-error of a coefficient is at most ``compliance * sum_k w_k ((dx + D_k) (dy + D'_k) - dx dy)``.
+error of a coefficient is at most ``sum_k |w_k| ((dx + D_k) (dy + D'_k) - dx dy)``.
 
-No offset and no position is left out. The largest error of a coefficient is about half of the bound. Not included are
-rounding, and the error of the quadrature outside the radius, 1e-11 of S(0, 0); inside, the table corrects it.
+No offset and no position is left out. The largest error of a coefficient is a third to a half of the bound. Rounding is
+not included, nor is the error of the coefficients of layers themselves.
+
+References
+----------
+.. [1] H. Ehlich, K. Zeller, Schwankung von Polynomen zwischen Gitterpunkten, Math. Z. 86 (1964) 41-44.
 """
 
 import numpy as np
@@ -56,13 +63,15 @@ from app.halfspace.fft.lengths import fast_length
 from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
 from app.halfspace.list_kernels import gather, spread
 
-# The error of the nodes is 1e-8 of S(0, 0), that of the cut 3e-9.
+# Either part of the error bound is about 1e-8 of S(0, 0).
 _SPLIT = 0.4  # a times the spacing of nodes
-_CUTOFF = 4.0  # a times the radius of the local part
+_CUTOFF = 3.0  # a times the radius of the local part
 _WINDOW = 12  # nodes of the window in each direction; even
 _WINDOW_SHAPE = 1.9 * _WINDOW  # beta of the window exp(beta (sqrt(1 - z^2) - 1)), abs(z) < 1
 _FADE, _FADE_NODES = 4.3, 10  # erfc(4.3) is 1e-9; nodes in which a Gaussian fades out, up to half the period
-_GAUSSIANS = 64
+_GAUSSIANS = 48
+_FIT_POINTS, _FIT_FACTOR = 600, 1.16  # 1 / cos(pi / 6), rounded up
+_FIT_CUTOFF = 1e-8  # smallest singular value relative to the largest, so that weights are not large
 _CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least four times as wide as a cell.
 _SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
 _MOST_NODES = 150  # in each direction, if nothing is known about the lists
@@ -72,7 +81,7 @@ _PAIR, _WINDOW_NODE, _NODE = 0.7, 0.05, 0.6  # of a pair of segments, a node of 
 
 
 class ListProduct:
-    """Product u = A p between lists of cells, on a free patch of half-spaces.
+    """Product u = A p between lists of cells, on a free patch of half-spaces or layers.
 
     Any rank that has all pressures can compute u in any cells. So a product sends no messages, and is the same on any
     number of ranks, up to rounding.
@@ -99,17 +108,17 @@ class ListProduct:
 
     def __init__(self, grid, kernel, *, cells=None, spacing=None):
         if not self.suits(grid, kernel):
-            raise InputError("list products need a free patch of half-spaces")
+            raise InputError("list products need a free patch of half-spaces or layers")
         self.grid, self.kernel = grid, kernel
         self._split = split = _choose_split(grid, cells) if spacing is None else _Split(grid, spacing)
         self.spacing, self.radius = split.spacing, split.radius
-        self.diagonal = kernel.self_displacement(grid)
+        self.diagonal = float(kernel.coefficients(grid, np.arange(1), 1)[0, 0])
         if not split.spacing:
             self._local = LocalSum(kernel.coefficients(grid, np.arange(grid.ny), grid.nx))
             self.error_bound = 0.0
             return
-        t, weights = gaussians(split.a, np.hypot(*grid.sides))
-        weights *= kernel.compliance
+        nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
+        t, weights, misfit = fit_gaussians(kernel, split.a, nearest, np.hypot(*grid.sides))
         numbers = zip(grid.shape, split.sizes, split.steps, split.periods, strict=True)
         self._axes = in_y, in_x = [_Axis(*each, t) for each in numbers]
         self._nodes = np.empty((in_y.nodes, in_x.nodes))
@@ -117,27 +126,23 @@ class ListProduct:
         self._smooth.set_spectrum(
             lambda columns, rows: (in_x.spectrum[:, columns].T * weights) @ in_y.spectrum
         )
-        quadrant, cut = self._local_part(t, weights)
-        self._local = LocalSum(quadrant)
+        self._local = LocalSum(self._local_part(t, weights))
         products = (in_y.errors + grid.dy) * (in_x.errors + grid.dx)
-        self.error_bound = cut + float(weights @ (products - grid.cell_area))
+        self.error_bound = misfit * grid.cell_area + float(np.abs(weights) @ (products - grid.cell_area))
 
     @staticmethod
     def suits(grid, kernel):
         """Return whether list products are possible."""
-        return not grid.periodic and kernel.scale_free
+        return not grid.periodic and kernel.has_image_sums
 
     def _local_part(self, t, weights):
-        """Return K - S inside the radius, and its largest value outside."""
+        """Return K - S at offsets up to the radius, else 0."""
         grid, sides = self.grid, zip(self.grid.shape, self._split.sizes, strict=True)
-        y, x = (size * np.arange(min(n, int(self.radius / size) + 2)) for n, size in sides)
+        y, x = (size * np.arange(min(n, int(self.radius / size) + 1)) for n, size in sides)
         smooth = (_cell_integrals(y, grid.dy, t) * weights) @ _cell_integrals(x, grid.dx, t).T
         table = self.kernel.coefficients(grid, np.arange(len(y)), len(x)) - smooth
-        outside = np.hypot(y[:, None], x) > self.radius
-        cut = float(np.abs(table[outside]).max(initial=0.0))
-        table[outside] = 0.0
-        rows = len(y) - int(y[-1] > self.radius)
-        return table[:rows], cut
+        table[np.hypot(y[:, None], x) > self.radius] = 0.0
+        return table
 
     def apply(self, sources, p, targets, out=None):
         """Return u at the targets [mm].
@@ -274,16 +279,38 @@ class _Axis:
         self.errors += 4 * np.abs(waves[:, half:]).sum(axis=1) + erfc(_FADE) * size
 
 
-def gaussians(a, longest):
-    """Return inverse widths t and weights of Gaussians whose sum is erf(a r) / r.
+def fit_gaussians(kernel, a, nearest, longest):
+    """Fit a sum of Gaussians to the displacement by a point force.
 
-    `longest` is the largest distance r. The error is below 1e-11 a for a r up to 1e4.
+    Parameters
+    ----------
+    kernel : HalfSpaceKernel
+        The kernel.
+    a : float
+        Largest inverse width of a Gaussian [1/mm].
+    nearest, longest : float
+        Distances between which the sum must be right [mm].
+
+    Returns
+    -------
+    t : ndarray
+        Inverse widths [1/mm].
+    weights : ndarray
+        Weights [mm/N].
+    error : float
+        Bound of the error at all distances between the two [mm/N].
     """
     places, weights = np.polynomial.legendre.leggauss(_GAUSSIANS)
     stretch = np.log1p(a * longest)
     growth = np.exp(stretch * (1 + places) / 2)
-    scale = a / np.expm1(stretch)
-    return scale * (growth - 1), scale * stretch * growth * weights / np.sqrt(np.pi)
+    t, weights = a * (growth - 1) / np.expm1(stretch), weights * growth
+    points = np.cos(np.pi * (np.arange(_FIT_POINTS) + 0.5) / _FIT_POINTS)
+    r = nearest * max(longest / nearest, 2.0) ** ((1 + points) / 2)
+    point_force = kernel.compliance * (1 / r + kernel.layer_influence(r))
+    terms = weights * np.exp(-(np.outer(r, t) ** 2))
+    factors = np.linalg.lstsq(terms, point_force, rcond=_FIT_CUTOFF)[0]
+    error = np.abs(terms @ factors - point_force).max()
+    return t, weights * factors, _FIT_FACTOR * float(error)
 
 
 def _cell_integrals(x, size, t):

@@ -5,14 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from operators import STEEL
-from scipy.special import erf
 
 from app import Material
 from app.base.errors import InputError
 from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
-from app.halfspace.list_product import ListProduct, gaussians
+from app.halfspace.list_product import ListProduct, fit_gaussians
 from app.halfspace.product import Convolution
 
 ROUNDING = 1e-13  # of the sum of |p| times the largest coefficient
@@ -168,17 +167,32 @@ def test_stencil_is_a_preconditioner(ratio):
 
 
 @pytest.mark.parametrize("periodic", ["x", "y", "love", "spectral"])
-def test_other_kernels_have_no_list_product(periodic):
-    layered = Material.coated((1.0, 10.0), (0.3, 0.3), 1.0).kernel
-    for grid, kernel in ((Grid(8, 8, 1.0, 1.0, periodic=periodic), STEEL), (Grid(8, 8, 1.0, 1.0), layered)):
-        assert not ListProduct.suits(grid, kernel)
-        with pytest.raises(InputError):
-            ListProduct(grid, kernel)
+def test_periodic_patches_have_no_list_product(periodic):
+    grid = Grid(8, 8, 1.0, 1.0, periodic=periodic)
+    assert not ListProduct.suits(grid, STEEL)
+    with pytest.raises(InputError):
+        ListProduct(grid, STEEL)
 
 
-@pytest.mark.parametrize("longest", [0.1, 1.0, 30.0, 1e3, 1e4])
-def test_gaussians_sum_to_the_smooth_kernel(longest):
-    t, weights = gaussians(2.0, longest / 2.0)
-    r = np.geomspace(1e-3, longest, 2000) / 2.0
-    sums = np.exp(-(np.outer(r, t) ** 2)) @ weights
-    assert np.abs(sums - erf(2.0 * r) / r).max() <= 1e-11 * 2.0
+@pytest.mark.parametrize("thickness", [0.5, 3.0, 30.0, 1000.0])
+@pytest.mark.parametrize("young", [(1.0, 10.0), (50.0, 1.0), (1.0, np.inf)])
+@pytest.mark.parametrize("name", ["square", "wide", "long cells"])
+def test_error_of_layers_is_below_bound(name, young, thickness):
+    grid, rng = GRIDS[name], np.random.default_rng(0)
+    kernel = Material.coated(young, (0.4, 0.3), thickness * max(grid.dx, grid.dy)).kernel
+    product = ListProduct(grid, kernel, spacing=4)
+    for sources in lists(grid, rng):
+        p = rng.normal(size=len(sources))
+        assert_error_is_below_bound(product, sources, p, CellList(grid, np.ones(grid.shape, bool)))
+
+
+@pytest.mark.parametrize("kernel", [STEEL, Material.coated((50.0, 1.0), (0.4, 0.3), 7.0).kernel])
+@pytest.mark.parametrize("longest", [1.0, 70.0, 1e3, 1e4])
+def test_fit_is_within_its_error(kernel, longest):
+    nearest = 60.0
+    t, weights, error = fit_gaussians(kernel, 3.0 / nearest, nearest, longest)
+    r = np.geomspace(nearest, max(longest, nearest), 20001)
+    point_force = kernel.compliance * (1 / r + kernel.layer_influence(r))
+    assert t.max() <= 3.0 / nearest
+    assert np.abs(np.exp(-(np.outer(r, t) ** 2)) @ weights - point_force).max() <= error
+    assert error <= 1e-7 * point_force[0]
