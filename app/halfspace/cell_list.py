@@ -1,7 +1,7 @@
 """Lists of cells of a grid, and sums over near cells of two lists.
 
-The cells of a list are stored in *segments* too: eight cells of a row, aligned, of which at least one is listed. Loops
-over segments have no branches, and are several times faster than loops over cells.
+The cells of a list are also stored as *segments*: eight cells of a row, aligned, of which at least one is listed. Loops
+over segments are several times faster than loops over cells.
 """
 
 from functools import cached_property
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.list_kernels import SEGMENT, sum_local
+from app.halfspace.list_kernels import BAND, SEGMENT, sum_local
 
 _BLOCKS = 64  # largest number of blocks in each direction, to estimate the number of pairs
 
@@ -24,11 +24,11 @@ class Runs(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments that contain listed cells."""
+    """Segments that contain listed cells, sorted by band of rows, by column and by row."""
 
-    rows: np.ndarray  # rows with segments
-    starts: np.ndarray  # first segment of each row, shape (ny + 1,)
+    rows: np.ndarray  # row of each segment
     columns: np.ndarray  # position of each segment in its row [segments]
+    starts: np.ndarray  # first segment of each band, shape (bands + 1,)
     slots: np.ndarray  # positions of the listed cells among the cells of all segments
 
     @property
@@ -62,23 +62,26 @@ class CellList:
     def __len__(self):
         return len(self.cells)
 
-    def _first_of_rows(self, iy):
-        return np.searchsorted(iy, np.arange(self.grid.ny + 1))
-
     @cached_property
     def runs(self):
         """Runs of neighbouring cells."""
         first = np.flatnonzero((np.diff(self.cells, prepend=-2) != 1) | (self.ix == 0))
         start, length = self.ix[first], np.diff(first, append=len(self))
-        return Runs(self._first_of_rows(self.iy[first]), start, start + length, first)
+        rows = np.searchsorted(self.iy[first], np.arange(self.grid.ny + 1))
+        return Runs(rows, start, start + length, first)
 
     @cached_property
     def segments(self):
         """Segments that contain the cells."""
         column = self.ix // SEGMENT
         new = (np.diff(column, prepend=-1) != 0) | (np.diff(self.iy, prepend=-1) != 0)
-        iy, slots = self.iy[new], SEGMENT * (np.cumsum(new) - 1) + self.ix % SEGMENT
-        return Segments(iy[np.diff(iy, prepend=-1) != 0], self._first_of_rows(iy), column[new], slots)
+        rows, columns = self.iy[new], column[new]
+        order = np.lexsort((rows, columns, rows // BAND))
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        rows, columns = rows[order], columns[order]
+        starts = np.searchsorted(rows // BAND, np.arange(-(-self.grid.ny // BAND) + 1))
+        return Segments(rows, columns, starts, SEGMENT * rank[np.cumsum(new) - 1] + self.ix % SEGMENT)
 
 
 class LocalSum:
@@ -90,21 +93,21 @@ class LocalSum:
     def __init__(self, quadrant):
         rows, columns = quadrant.shape
         last = columns - 1 - np.argmax(quadrant[:, ::-1] != 0, axis=1)
-        self._reach = (last + SEGMENT - 1) // SEGMENT
+        bands = np.arange((rows + BAND - 2) // BAND + 1)
+        reach = np.maximum.accumulate(last[::-1])[::-1][np.maximum(BAND * bands - BAND + 1, 0)]
+        self._reach = (reach + SEGMENT - 1) // SEGMENT
         centre = SEGMENT * (int(self._reach.max()) + 1)
-        self._table = np.zeros((rows, 2 * centre + 1))
-        self._table[:, centre : centre + columns] = quadrant
-        self._table[:, centre - columns + 1 : centre + 1] = quadrant[:, ::-1]
-        self._first = np.empty(2 * rows - 1, np.int64)
+        self._table = np.zeros((BAND * (len(bands) + 1), 2 * centre + 1))
+        self._table[:rows, centre : centre + columns] = quadrant
+        self._table[:rows, centre - columns + 1 : centre + 1] = quadrant[:, ::-1]
 
     def apply(self, sources, p, targets, out=None):
         """Return the sums at the targets, added to `out` if it is given."""
         of, to = sources.segments, targets.segments
         values, sums = np.zeros(of.cells), np.zeros(to.cells)
         values[of.slots] = p
-        sum_local(
-            to.rows, to.starts, to.columns, of.starts, of.columns, values, self._table, self._reach, self._first, sums
-        )  # fmt: skip
+        near = np.empty(len(of.rows), np.int64)
+        sum_local(*to[:3], *of[:3], values, self._table, self._reach, near, sums)
         if out is None:
             return sums[to.slots]
         out += sums[to.slots]
@@ -118,14 +121,16 @@ def estimate_pairs(sources, targets, radius):
     the time does not depend on the number of pairs.
     """
     shape = targets.grid.ny, -(-targets.grid.nx // SEGMENT)
-    radius = radius[0] + 0.5, (radius[1] + SEGMENT / 2) / SEGMENT
+    radius = radius[0] + BAND / 2, (radius[1] + SEGMENT / 2) / SEGMENT
     sides = [max(1, int(r / 2), -(-n // _BLOCKS)) for r, n in zip(radius, shape, strict=True)]
     counts = [-(-n // side) for n, side in zip(shape, sides, strict=True)]
     spectra = []
     for cells in (sources, targets):
         segments = cells.segments
-        iy = np.repeat(np.arange(shape[0]), np.diff(segments.starts)) // sides[0]
-        blocks = np.bincount(iy * counts[1] + segments.columns // sides[1], minlength=counts[0] * counts[1])
+        blocks = np.bincount(
+            segments.rows // sides[0] * counts[1] + segments.columns // sides[1],
+            minlength=counts[0] * counts[1],
+        )
         spectra.append(np.fft.rfft2(blocks.reshape(counts), s=[2 * count for count in counts]))
     pairs = np.fft.irfft2(spectra[0] * spectra[1].conj(), s=[2 * count for count in counts])
     # Offsets between two blocks, in radii, at some places inside the blocks.

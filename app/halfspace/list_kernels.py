@@ -9,6 +9,7 @@ from numba.extending import overload
 from app.base.numba_cache import njit
 
 SEGMENT = 8  # cells
+BAND = 8  # rows
 _FASTMATH = {"reassoc", "contract", "nsz"}
 
 
@@ -27,48 +28,65 @@ def _add_products(sums, p, table):
 
 
 @njit(fastmath=_FASTMATH)
-def sum_local(rows, starts, columns, source_starts, source_columns, p, table, reach, first, u):
+def sum_local(rows, columns, starts, source_rows, source_columns, source_starts, p, table, reach, near, u):
     """Add the sums of a table times the pressures of near cells.
+
+    The targets of a band of rows with the same columns have the same list of near sources, so their loops are long and
+    have no branches.
 
     Parameters
     ----------
-    rows : ndarray of int
-        Rows with targets.
-    starts, source_starts : ndarray of int, shape (ny + 1,)
-        First segment of each row, of targets and of sources.
-    columns, source_columns : ndarray of int
-        Position of each segment in its row, in segments.
+    rows, columns : ndarray of int
+        Rows of the target segments, and positions in a row [segments], sorted by band, column and row.
+    starts : ndarray of int, shape (bands + 1,)
+        First target segment of each band.
+    source_rows, source_columns, source_starts : ndarray of int
+        The same for sources.
     p, u : ndarray
         Pressures and sums, eight for each segment. p is 0 in cells that are not listed.
     table : ndarray, shape (offsets, 2 centre + 1)
         Coefficients at offsets in y, from 0 on, and in x, from -centre on.
-    reach : ndarray of int, shape (offsets,)
-        Offset in x of the farthest segments to sum [segments].
-    first : ndarray of int, shape (2 offsets - 1,)
+    reach : ndarray of int
+        Largest offset in x by the offset in bands [segments].
+    near : ndarray of int, shape (sources,)
         Work array.
     """
-    ny, offsets, centre = len(starts) - 1, len(table), table.shape[1] // 2
-    for y in rows:
-        low, high = max(0, y - offsets + 1), min(ny, y + offsets)
-        for row in range(low, high):
-            first[row - low] = source_starts[row]
-        for k in range(starts[y], starts[y + 1]):
+    bands, centre, k = len(starts) - 1, table.shape[1] // 2, 0
+    while k < len(rows):
+        column, band, end = columns[k], rows[k] // BAND, k
+        while end < starts[band + 1] and columns[end] == column:
+            end += 1
+        count = 0
+        for other in range(max(0, band - len(reach) + 1), min(bands, band + len(reach))):
+            most = reach[abs(other - band)]
+            m = _first_from(source_columns, column - most, source_starts[other], source_starts[other + 1])
+            while m < source_starts[other + 1] and source_columns[m] <= column + most:
+                near[count] = m
+                count += 1
+                m += 1
+        while k < end:
             sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            for row in range(low, high):
-                offset = abs(row - y)
-                m, stop = first[row - low], source_starts[row + 1]
-                west, east = columns[k] - reach[offset], columns[k] + reach[offset]
-                while m < stop and source_columns[m] < west:
-                    m += 1
-                first[row - low] = m
-                while m < stop and source_columns[m] <= east:
-                    place = centre + SEGMENT * (columns[k] - source_columns[m])
-                    segment = p[SEGMENT * m : SEGMENT * (m + 1)]
-                    sums = add_products(sums, segment, table[offset][place - SEGMENT + 1 : place + SEGMENT])
-                    m += 1
+            for n in range(count):
+                m = near[n]
+                place = centre + SEGMENT * (column - source_columns[m])
+                coefficients = table[abs(rows[k] - source_rows[m])][place - SEGMENT + 1 : place + SEGMENT]
+                sums = add_products(sums, p[SEGMENT * m : SEGMENT * (m + 1)], coefficients)
             own = u[SEGMENT * k : SEGMENT * (k + 1)]
             for i, value in enumerate(sums):
                 own[i] += value
+            k += 1
+
+
+@njit()
+def _first_from(columns, column, low, high):
+    """Return the first position between two positions from which on sorted columns are at least `column`."""
+    while low < high:
+        middle = (low + high) // 2
+        if columns[middle] < column:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @njit(fastmath=_FASTMATH)
