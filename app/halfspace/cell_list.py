@@ -14,15 +14,6 @@ from app.halfspace.list_kernels import BAND, SEGMENT, sum_local
 _BLOCKS = 64  # largest number of blocks in each direction, to estimate the number of pairs
 
 
-class Runs(NamedTuple):
-    """Runs of neighbouring cells of a row."""
-
-    rows: np.ndarray  # first run of each row, shape (ny + 1,)
-    start: np.ndarray  # first column of each run
-    stop: np.ndarray  # column after the last one
-    offset: np.ndarray  # position of the first cell in the list
-
-
 class Segments(NamedTuple):
     """Segments that contain listed cells, sorted by band of rows, by column and by row."""
 
@@ -61,14 +52,6 @@ class CellList:
 
     def __len__(self):
         return len(self.cells)
-
-    @cached_property
-    def runs(self):
-        """Runs of neighbouring cells."""
-        first = np.flatnonzero((np.diff(self.cells, prepend=-2) != 1) | (self.ix == 0))
-        start, length = self.ix[first], np.diff(first, append=len(self))
-        rows = np.searchsorted(self.iy[first], np.arange(self.grid.ny + 1))
-        return Runs(rows, start, start + length, first)
 
     @cached_property
     def segments(self):
@@ -124,17 +107,18 @@ def estimate_pairs(sources, targets, radius):
     radius = radius[0] + BAND / 2, (radius[1] + SEGMENT / 2) / SEGMENT
     sides = [max(1, int(r / 2), -(-n // _BLOCKS)) for r, n in zip(radius, shape, strict=True)]
     counts = [-(-n // side) for n, side in zip(shape, sides, strict=True)]
-    spectra = []
+    padded, spectra = [2 * count for count in counts], []
     for cells in (sources, targets):
-        segments = cells.segments
-        blocks = np.bincount(
-            segments.rows // sides[0] * counts[1] + segments.columns // sides[1],
-            minlength=counts[0] * counts[1],
-        )
-        spectra.append(np.fft.rfft2(blocks.reshape(counts), s=[2 * count for count in counts]))
-    pairs = np.fft.irfft2(spectra[0] * spectra[1].conj(), s=[2 * count for count in counts])
-    # Offsets between two blocks, in radii, at some places inside the blocks.
-    y, x = ((np.minimum(np.arange(2 * count), 2 * count - np.arange(2 * count))[:, None] + np.linspace(-0.75, 0.75, 5))
-            * side / r for count, side, r in zip(counts, sides, radius, strict=True))  # fmt: skip
+        block = cells.segments.rows // sides[0] * counts[1] + cells.segments.columns // sides[1]
+        segments = np.bincount(block, minlength=counts[0] * counts[1]).reshape(counts)
+        spectra.append(np.fft.rfft2(segments, s=padded))
+    pairs = np.fft.irfft2(spectra[0] * spectra[1].conj(), s=padded)
+    y, x = (_distances(count, side) / r for count, side, r in zip(counts, sides, radius, strict=True))
     near = (y**2)[:, None, :, None] + (x**2)[None, :, None, :] <= 1
     return float((pairs * near.mean(axis=(2, 3))).sum())
+
+
+def _distances(count, side):
+    """Return distances of cells of two blocks, for periodic offsets of blocks, shape (2 count, samples)."""
+    offsets = np.minimum(np.arange(2 * count), np.arange(2 * count, 0, -1))
+    return side * (offsets[:, None] + np.linspace(-0.75, 0.75, 5))

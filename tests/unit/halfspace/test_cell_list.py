@@ -14,17 +14,13 @@ SHAPES = st.tuples(st.integers(1, 12), st.integers(1, 40))
 
 @settings(deadline=None)  # The first call loads a loop.
 @given(mask=SHAPES.flatmap(lambda shape: arrays(bool, shape)))
-def test_runs_and_segments_contain_the_cells(mask):
+def test_segments_contain_the_cells(mask):
     ny, nx = mask.shape
     grid = Grid(nx, ny, 1.0, 1.0)
     cells = CellList(grid, mask)
     np.testing.assert_array_equal(cells.cells, CellList(grid, np.flatnonzero(mask)).cells)
     assert len(cells) == mask.sum()
-    runs, segments, row_of = cells.runs, cells.segments, np.arange(ny)
-    iy = np.repeat(row_of, np.diff(runs.rows))
-    in_runs = [y * nx + x for y, a, b in zip(iy, runs.start, runs.stop, strict=True) for x in range(a, b)]
-    np.testing.assert_array_equal(in_runs, cells.cells)
-    np.testing.assert_array_equal(cells.cells[runs.offset], iy * nx + runs.start)
+    segments = cells.segments
     bands = np.repeat(np.arange(len(segments.starts) - 1), np.diff(segments.starts))
     np.testing.assert_array_equal(segments.rows // 8, bands)
     places = (segments.rows * nx + 8 * segments.columns)[:, None] + np.arange(8)
