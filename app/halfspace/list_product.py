@@ -109,7 +109,7 @@ class ListProduct:
 
     def __init__(self, grid, kernel, *, cells=None, spacing=None):
         if not self.suits(grid, kernel):
-            raise InputError("list products need a free patch of half-spaces or layers")
+            raise InputError("list products: must be a free patch of half-spaces or layered bodies")
         self.grid, self.kernel = grid, kernel
         self._split = split = _choose_split(grid, cells) if spacing is None else _Split(grid, spacing)
         self.spacing, self.radius = split.spacing, split.radius
@@ -132,7 +132,7 @@ class ListProduct:
 
     @staticmethod
     def suits(grid, kernel):
-        """Return whether list products are possible."""
+        """Return whether the patch is free, and the bodies half-spaces or layered."""
         return not grid.periodic and kernel.has_image_sums
 
     def _local_part(self, t, weights):

@@ -11,6 +11,7 @@ from app.base.errors import InputError
 from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
+from app.halfspace.kernel import Kernel
 from app.halfspace.list_product import ListProduct, fit_gaussians
 from app.halfspace.product import Convolution
 
@@ -166,12 +167,16 @@ def test_stencil_is_a_preconditioner(ratio):
     np.testing.assert_allclose(back[inner], checkerboard[inner], atol=0.1)
 
 
-@pytest.mark.parametrize("periodic", ["x", "y", "love", "spectral"])
-def test_periodic_patches_have_no_list_product(periodic):
-    grid = Grid(8, 8, 1.0, 1.0, periodic=periodic)
-    assert not ListProduct.suits(grid, STEEL)
+class OtherBodies(Kernel):
+    """Bodies with another displacement by a point force."""
+
+
+@pytest.mark.parametrize("periodic", ["", "x", "y", "love", "spectral"])
+def test_other_patches_and_bodies_have_no_list_product(periodic):
+    grid, kernel = Grid(8, 8, 1.0, 1.0, periodic=periodic), STEEL if periodic else OtherBodies(1.0)
+    assert not ListProduct.suits(grid, kernel)
     with pytest.raises(InputError):
-        ListProduct(grid, STEEL)
+        ListProduct(grid, kernel)
 
 
 @pytest.mark.parametrize("thickness", [0.5, 3.0, 30.0, 1000.0])
