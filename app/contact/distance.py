@@ -77,9 +77,8 @@ class UndeformedDistance:
     max_depth = full_depth = plastic_depth = np.inf
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
-        b = np.negative(shape, order="C")
-        admissible = ~np.isnan(b)
-        np.copyto(b, 0.0, where=~admissible)
+        b, admissible = np.empty(shape.shape), np.empty(shape.shape, bool)
+        kernels.right_hand_side(shape, b, admissible)
         self._set(b, operator, PressureBounds(admissible, hardness))
         self.reference = reference
         self.full_contact_pressures = -np.inf, np.inf

@@ -15,6 +15,16 @@ def gap(u, b, depth):
     return u - (b + depth)  # (2.3)
 
 
+@njit()
+def right_hand_side(shape, b, admissible):
+    """Compute b = -shape; 0 where the shape is NaN, which is not `admissible`."""
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            value = shape[j, i]
+            admissible[j, i] = value == value
+            b[j, i] = -value if value == value else 0.0
+
+
 @njit_reassoc
 def _defect_row(b, depth, u, contact, factor, out):
     for i in range(b.size):

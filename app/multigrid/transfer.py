@@ -125,13 +125,9 @@ class Transfer:
         grid = self.fine.grid
         if any(r and n % f for r, n, f in zip(grid.repeats, grid.shape, self.factors, strict=True)):
             return self._send_to_owner(self._means_of_overlaps(shape))
-        total, count = np.zeros(self._local), np.zeros(self._local)
-        for child, parents in self._children(shape):
-            admissible = ~np.isnan(child)
-            total[parents] += np.where(admissible, child, 0.0)
-            count[parents] += admissible
-        with np.errstate(invalid="ignore"):
-            return self._send_to_owner(total / count)
+        coarse, fine = np.empty(self._local), self._fetch_children(shape)
+        _mean_of_children(fine, coarse, self.fy, self.fx, np.zeros((2, coarse.shape[1])))
+        return self._send_to_owner(coarse)
 
     def _means_of_overlaps(self, shape):
         admissible = ~np.isnan(shape)
@@ -152,9 +148,9 @@ class Transfer:
 
     def restrict_minimum(self, fine):
         """Return coarse cells' minima over children that are not NaN. Collective."""
-        coarse = np.full(self._local, np.nan)
-        for child, parents in self._children(fine):
-            np.fmin(coarse[parents], child, out=coarse[parents])
+        coarse = np.full(self._local, np.inf)
+        _least_of_children(self._fetch_children(fine), coarse, self.fy, self.fx)
+        coarse[coarse == np.inf] = np.nan
         return self._send_to_owner(coarse)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
@@ -249,6 +245,32 @@ def _add_children(fine, coarse, fy, fx):
             _add_pairs(fine[j], coarse[j // fy])
         else:
             add_row(coarse[j // fy], 1.0, fine[j])
+
+
+@njit()
+def _mean_of_children(fine, coarse, fy, fx, sums):
+    """Store the means over children that are not NaN; `sums` is a work array of two coarse rows."""
+    total, count = sums
+    for j in range(coarse.shape[0]):
+        total[:] = count[:] = 0
+        for row in fine[fy * j : fy * (j + 1)]:
+            for k in range(fx):
+                for i in range(np.uint64((row.size - k + fx - 1) // fx)):
+                    value = row[np.uint64(fx) * i + np.uint64(k)]
+                    total[i] += value if value == value else 0.0
+                    count[i] += 1.0 if value == value else 0.0
+        for i in range(count.size):
+            coarse[j, i] = total[i] / count[i] if count[i] else np.nan
+
+
+@njit()
+def _least_of_children(fine, coarse, fy, fx):
+    for j in range(fine.shape[0]):
+        row, out = fine[j], coarse[j // fy]
+        for k in range(fx):
+            for i in range(np.uint64((row.size - k + fx - 1) // fx)):
+                value = row[np.uint64(fx) * i + np.uint64(k)]
+                out[i] = value if value < out[i] else out[i]
 
 
 @njit()
