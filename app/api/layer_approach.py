@@ -37,7 +37,7 @@ def add_uniform_displacement(solution, compliance):
         solution,
         approach=solution.approach + added,
         indentation=solution.indentation + added,
-        displacement=solution.displacement + added,
+        deformation=solution.deformation_plus(added),
         distance=lambda: distance() - added,
     )
 

@@ -94,7 +94,7 @@ class ShiftedProblem:
         distance = solution.distance
         return replace(
             solution,
-            displacement=solution.displacement + self.displacement,
+            deformation=solution.deformation_plus(self.displacement),
             distance=lambda: distance() - self.displacement,
         )
 
@@ -153,7 +153,7 @@ class BackgroundPressure(ShiftedProblem):
         return replace(
             solution,
             pressure=solution.pressure - self.pressure,
-            displacement=solution.displacement - (self.displacement + self.uniform),
+            deformation=solution.deformation_plus(-(self.displacement + self.uniform)),
             load=load,
             mean_pressure=load / self.grid.area,
         )

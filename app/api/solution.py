@@ -42,8 +42,6 @@ class Solution(_Numbers, ContactFields):
     Attributes
     ----------
     pressure : ndarray of float64, [N/mm2]
-    displacement : ndarray of float64, [mm]
-        Displacement u = A p of both surfaces together, (2.7).
     contact : ndarray of bool
     converged : bool
         True if the contact set is unchanged, (5.1) holds, and the error bound is at most -lcp_error_bound.
@@ -126,7 +124,6 @@ class Solution(_Numbers, ContactFields):
     """
 
     pressure: np.ndarray
-    displacement: np.ndarray
     contact: np.ndarray
     converged: bool
     message: str
@@ -155,6 +152,7 @@ class Solution(_Numbers, ContactFields):
     slabs: Slabs
     comm: object
     distance: object  # function that returns `undeformed_distance`
+    deformation: object  # function that returns `displacement`
     stiffness: float | None = None
     unloading_stiffness: float | None = None
     conductance_width: float | None = None
@@ -169,13 +167,27 @@ class Solution(_Numbers, ContactFields):
         """Return the state without communicator; TypeError on several ranks."""
         if self.comm.size > 1:
             raise TypeError("a Solution on several ranks cannot be pickled; gather() brings it to one")
-        return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
+        fields = {"distance": self.undeformed_distance, "deformation": self.displacement}
+        return self.__dict__ | fields | {"comm": None}
 
     def __setstate__(self, state):
         from app.base.mpi import MPI
 
-        h = state["distance"]
-        self.__dict__.update(state, distance=lambda: h, comm=MPI.COMM_SELF)
+        h, u = state["distance"], state["deformation"]
+        self.__dict__.update(state, distance=lambda: h, deformation=lambda: u, comm=MPI.COMM_SELF)
+
+    @property
+    def displacement(self):
+        """Displacement u = A p of both surfaces together, (2.7), (rows, nx) [mm].
+
+        After a solve on lists of cells the first access computes it, by a product.
+        """
+        return self.deformation()
+
+    def deformation_plus(self, change):
+        """Return a function that returns the displacement plus a `change` [mm]."""
+        deformation = self.deformation
+        return lambda: deformation() + change
 
     @property
     def undeformed_distance(self):
@@ -271,8 +283,9 @@ class Solution(_Numbers, ContactFields):
         whole["computed"] = {name: result.map_fields(gather) for name, result in self.computed.items()}
         if self.comm.rank != root:
             return None
-        h = whole.pop("undeformed_distance")
-        return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
+        h, u = whole.pop("undeformed_distance"), whole.pop("displacement")
+        functions = {"distance": lambda: h, "deformation": lambda: u}
+        return replace(self, **whole, **functions, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def _all_rows(self, local, root=None):
         """Return a field's rows of all ranks. Collective.
@@ -305,7 +318,7 @@ class Solution(_Numbers, ContactFields):
                 array = real_numbers(name, value) if np.ma.is_masked(value) else np.asarray(value)
             except ValueError:  # a list of lists of several lengths
                 raise InputError(f"{what}: attributes: must be numbers, texts, and arrays") from None
-            if array.shape == self.displacement.shape:
+            if array.shape == self.pressure.shape:
                 selected[name] = array
             elif array.shape == self.grid.shape:
                 selected[name] = array[self.slabs.rows]

@@ -39,7 +39,7 @@ from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import USAGE, make_loading, single_loading
-from app.methods.strategy import STRATEGIES, check_single, make_strategy
+from app.methods.strategy import STRATEGIES, allows_lists, check_single, make_strategy
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
@@ -181,6 +181,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             dtype=np.float32 if settings.single else np.float64,
             margin=settings.window,
             prefix=self.options.prefix,
+            lists=allows_lists(settings, grid, kernel, self.comm, self.listeners),
         )  # fmt: skip
         self._resources.add(self.hierarchy)
         self._strategy = make_strategy(self.hierarchy, settings)
@@ -409,7 +410,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         applied, history.entries, traffic = self.comm.bcast(counted)
         return Solution(
             pressure=state.p,
-            displacement=state.u,
+            deformation=state.deformation(),
             distance=synchronized(lambda: before.remove_from(distance.h_at(depth))),
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p),

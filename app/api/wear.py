@@ -40,7 +40,7 @@ class WearStep(ShiftedProblem):
         volume = sum_over(self.comm, [worn.sum()])[0] * self.grid.cell_area
         return replace(
             solution,
-            displacement=solution.displacement - now,
+            deformation=solution.deformation_plus(-now),
             distance=lambda: distance() + now,
             indentation=solution.approach - self.touching,
             extra=solution.extra | {"worn_depth": worn},

@@ -60,11 +60,16 @@ the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most.
 ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in this norm (measured: 0.26 to 0.72 times this number).
 `_ROUNDING_FACTOR` times this number is added to the bound. The stored matrix of a small periodic patch has rounded
 coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with ``||row of
-A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let m be one
-unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells without
-pressure, m changes the pressure by about ``n m sqrt(B_II / k)``. If cells are plastic, u may be much smaller than the
-depth. Then m is the larger of one unit in the last place of u and the rounding error of the depth: the gap of elastic
-cells has no other error, and the gaps of open and of plastic cells have no price.
+A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. A product between lists of cells
+has a larger error, of known bound: ``||d|| / sqrt(smallest)`` is added, and ``||p|| ||d||`` is subtracted from p.u, by
+which the bound is divided. The second way alone is used there, because it needs no other product with u. Its sums are
+over the listed cells: no other cell penetrates (`app.contact.exclusion`), and w = 0 there.
+
+On a periodic patch of n cells, let m be one unit in the last place of the depth, plus the mean gap that full contact
+neglects. Spread over the k cells without pressure, m changes the pressure by about ``n m sqrt(B_II / k)``. If cells are
+plastic, u may be much smaller than the depth. Then m is the larger of one unit in the last place of u and the rounding
+error of the depth: the gap of elastic cells has no other error, and the gaps of open and of plastic cells have no
+price.
 """
 
 import math
@@ -139,6 +144,12 @@ def estimate(state, wanted=np.inf, work=None):
     return certificate
 
 
+def adopt(state, certificate):
+    """Use a known certificate of the pressure of `state`."""
+    key = state.pressure.stateGet(), state.depth, state.displacement_status
+    _certificates[state] = key, certificate
+
+
 def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
@@ -149,7 +160,10 @@ def _prove(state, enough, work):
     overlaps = state.distance.is_beyond_full_contact(depth)
     upper = bounds.upper if overlaps or state.plastic_cells() else None
     largest, sums = np.full(6, -np.inf), np.zeros(6)
-    lifts = upper is None and not state.grid.doubly_periodic
+    error_of_u = 0.0
+    if state.operator.error_bound:
+        error_of_u = state.operator.error_bound * np.abs(p).sum() * math.sqrt(p.size)
+    lifts = upper is None and not (state.grid.doubly_periodic or error_of_u)
     loops.survey(b, depth, u, p, upper, admissible, smallest, lifts, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
@@ -165,7 +179,7 @@ def _prove(state, enough, work):
         gap, squares = to_p + moved / (2 * smallest), moved / smallest
         if upper is not None:
             gap, squares = _best([defect, gap], [0.0, squares])
-        elif state.operator.kernel.is_positive(grid):
+        elif lifts and state.operator.kernel.is_positive(grid):
             lifted, distances = _lift_penetrations(state, lift, energy, penetrates)
             gap, squares = _best([gap, *(defect + lifted)], [squares, *distances])
     gap = max(gap, 0.0)
@@ -173,6 +187,9 @@ def _prove(state, enough, work):
     if state.grid.doubly_periodic and state.grid.n <= DenseProduct.largest:
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
+    if error_of_u:
+        shifted += error_of_u / math.sqrt(smallest)
+        energy -= error_of_u * math.sqrt(p_squares)
     error = _largest_error(gap, squares) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     if upper is not None and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0

@@ -68,15 +68,17 @@ class GridSequence:
             self.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra = results
         return extra
 
-    def result(self, state, difference=float("nan"), least=0.0):
+    def result(self, state, difference=float("nan"), least=0.0, numbers=None):
         """Return the outcome with estimated errors and a pressure `difference`. Collective.
 
-        The outcome has no difference below `least`, which the coarser grid's tolerance may cause.
+        The outcome has no difference below `least`, which the coarser grid's tolerance may cause. `numbers` are the
+        GridNumbers of `state`, if known.
         """
         errors = UNKNOWN
         if self.grid_numbers:
-            numbers = [*self.grid_numbers, compute_grid_numbers(state, self.hierarchy.comm)]
-            errors = estimate_errors(numbers, state.first_touch(), self._loading.exact, difference)
+            numbers = numbers or compute_grid_numbers(state, self.hierarchy.comm)
+            grids = [*self.grid_numbers, numbers]
+            errors = estimate_errors(grids, state.first_touch(), self._loading.exact, difference)
         known = difference if difference >= least else float("nan")
         return self.outcome._replace(discretisation_error=known, grid_errors=errors)
 

@@ -10,7 +10,12 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Base class of listeners, which a solve calls on each grid's ranks."""
+    """Base class of listeners, which a solve calls on each grid's ranks.
+
+    If a listener `needs_fields`, no grid is solved on a list of cells.
+    """
+
+    needs_fields = True
 
     def begin(self, settings):
         """Handle a solve's start on all ranks; ``settings.rtol`` is -lcp_rtol."""
@@ -32,6 +37,7 @@ class Listener:
 class Monitor(Listener):
     """Listener printing a line per active set iteration (-lcp_monitor)."""
 
+    needs_fields = False
     HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
     say = staticmethod(partial(print, flush=True))
 

@@ -78,7 +78,7 @@ def measure_contact(state):
     face is long or short.
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
+    total = state.total_gap()
     contact = state.in_contact()
     force, highest, _ = kernels.sum_pressure(state.p, contact)
     # Includes cells without pressure, like the perimeter.

@@ -162,6 +162,16 @@ class Pressed:
         """Return e = h + A p, shape (local rows, nx) [mm]."""
         return self.u - (self.distance.b + self._depth)  # (2.8)
 
+    def deformation(self):
+        """Return a function that returns the displacement u [mm]."""
+        u = self.u
+        return lambda: u
+
+    def total_gap(self):
+        """Return the sum of e over this rank's admissible cells [mm]."""
+        b, admissible = self.distance.b, self.admissible
+        return kernels.sum_gaps(b, self._depth, self.u, admissible, admissible)[1]
+
     @property
     def values(self):
         """Local pressure as a writable array; each access marks p as changed."""

@@ -64,6 +64,8 @@ class InfluenceOperator(MatMethods):
 
     Attributes
     ----------
+    error_bound : float
+        Largest error of a coefficient in double precision, without rounding [mm / (N/mm2)]; zero except on lists.
     active : bool
         True if this rank is one of those that share the rows.
     coarser_levels : tuple of InfluenceOperator, or None
@@ -85,6 +87,8 @@ class InfluenceOperator(MatMethods):
     iteration does not use the double precision product. A preconditioner that needs more than the iteration's product
     has a work array of its own.
     """
+
+    error_bound = 0.0
 
     def __init__(
         self, grid, kernel, slabs=None, comm=None, dtype=float,
@@ -382,6 +386,12 @@ class InfluenceOperator(MatMethods):
         if "relaxation" in cached:
             total += self.sweeps * self.relaxation.products_per_sweep
         return total
+
+    @property
+    def product_points(self):
+        """Points of the transform of a double-precision product."""
+        in_box = self._kind(np.float64) is BoxProduct
+        return np.prod(BoxProduct.periods_of(self.grid)) if in_box else self._transformed_cells
 
     @cached_property
     def _transformed_cells(self):

@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError, call_collectively
+from app.base.mpi import MPI
 from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
@@ -21,6 +22,7 @@ from app.contact.stopping import StoppingTest
 from app.methods import multilevel_operators
 from app.methods.film.iteration import MAX_LOAD_RATIO, interpolate_pressure, solve_film
 from app.methods.free import circulant, lift
+from app.methods.free.dilute import DiluteContact
 from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.window_cache import WindowCache
@@ -256,6 +258,7 @@ class Fast(Inexact):
         operator = hierarchy.levels[hierarchy.finest_unwindowed]
         if operator.active:
             self._cache.solver(hierarchy.finest_unwindowed, operator)  # raises for wrong options
+        self._lists = DiluteContact(hierarchy) if hierarchy.lists else None
 
     def _make_solver(self):
         hierarchy = self._hierarchy
@@ -272,14 +275,21 @@ class Fast(Inexact):
         super().prepare()
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
+    def use_distances(self, distances, coarse_minimum):
+        """Set the undeformed distances; see `Strategy.use_distances`."""
+        super().use_distances(distances, coarse_minimum)
+        if self._lists:
+            self._lists.use_distances(distances)
+
     def _solve(self, loading, history, start):
         hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
         if start is not None:
+            hierarchy.target.prepare("exact_product")
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
             return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
         try:
             return nested_iteration(
-                hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache
+                hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache, self._lists
             )
         except BaseException:
             self._cache.reset_windows()
@@ -330,6 +340,17 @@ def _may_be_indefinite(texts):
     )
     foreign = not texts.get("pc_python_type", "").startswith("app.") if kind == "python" else not symmetric
     return texts.get("ksp_type") in _CG and kind not in ("none", "jacobi", "mg") and foreign
+
+
+def allows_lists(settings, grid, kernel, comm, listeners):
+    """Return whether grids may be solved on lists of cells (`app.methods.free.dilute`). Collective.
+
+    Listeners of the user expect fields of a grid or window.
+    """
+    usual = settings.type == "fast" and settings.nested and settings.window > 0
+    usual &= settings.texts.get("pc_python_type", "").endswith(".Circulant")
+    possible = usual and DiluteContact.suits(grid, kernel)
+    return possible and comm.allreduce(not any(listener.needs_fields for listener in listeners), MPI.LAND)
 
 
 def make_strategy(hierarchy, settings):

@@ -131,13 +131,15 @@ class Hierarchy:
         windows. On grids with windows, products on all cells are prepared only when first used.
     prefix : str
         Prefix of the solvers' options in PETSc's database.
+    lists : bool
+        True if the target grid may need no product on all its cells: then it is created when first used.
     """
 
     def __init__(
         self, grid, kernel, comm, coarsest=4, cells_per_rank=8192, target_only=False, dtype=float,
-        margin=0.0, prefix="",
+        margin=0.0, prefix="", lists=False,
     ):  # fmt: skip
-        self.ranks, self.prefix = RankGroups(comm, cells_per_rank), prefix
+        self.ranks, self.prefix, self.lists = RankGroups(comm, cells_per_rank), prefix, lists
         self.comm, self.kernel, self.dtype, self.margin = self.ranks.comm, kernel, dtype, margin
         # products in windows, and those of each operator counted so far
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()
@@ -151,7 +153,8 @@ class Hierarchy:
         self.levels = [*target.coarser_levels[::-1], target]
         self.transfers = make_transfers(self.levels, self.comm)
         self.slabs = self.levels[-1].slabs
-        self.target.prepare("exact_product")
+        if not lists:
+            self.target.prepare("exact_product")
         for level in self.levels:
             if not self.may_be_windowed(level):
                 level.prepare("product")
@@ -233,6 +236,10 @@ class Hierarchy:
     def operator_applications(self):
         """Return the work on all grids, in products on the target grid."""
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
+
+    def count_products(self, level, number):
+        """Count work on a level, in products on all its cells."""
+        self._in_windows += self.share(level) * number
 
     def count_window(self, operator):
         """Count products of a window and its coarser levels, each once."""

@@ -45,6 +45,8 @@ class LinearSolver:
         If an option is invalid or cannot be used.
     """
 
+    _forced = {}  # noqa: RUF012  # options that replace the user's
+
     def __init__(self, hierarchy, level=-1, operator=None):
         self.level = range(len(hierarchy.levels))[level]
         self.operator = operator or hierarchy.levels[self.level]
@@ -66,7 +68,7 @@ class LinearSolver:
         ksp.setName(self.mat.getName())
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
-        forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
+        forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {}) | self._forced
         with temporary_options(self._prefix, {}, forced), calling_petsc():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:

@@ -18,6 +18,8 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
   in double precision on all cells decides (5.1), and the certificate is tested. For a window all ranks compute this
   product (`verification_product`).
 - *Load.* If the load is prescribed, the approach changes in each iteration (`app.contact.prescribed_load`).
+- *Dilute contact.* If few cells of a large grid are in contact, the finer grids are solved on lists of cells
+  (`app.methods.free.dilute`).
 - *Safeguard.* If the residual stagnates, or is small without satisfying the certificate, `app.methods.safeguard`
   continues; it is slower, but convergence is proved.
 

@@ -18,7 +18,7 @@ from app.parallel.communicator import propagate_errors
 MAX_COARSE_ERROR = 0.02  # of coarser grids, over the difference of pressures that estimates the grid error
 
 
-def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimum, cache):
+def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimum, cache, lists=None):
     """Solve on all grids, from coarsest to target.
 
     Collective. Only the ranks that own rows of a grid or window solve on it. They broadcast the results to the ranks
@@ -33,17 +33,30 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
         of the target grid (`Hierarchy.coarse_minimum`).
     cache : WindowCache
         Solvers and window operators.
+    lists : DiluteContact, optional
+        Solver of fine grids with dilute contact.
 
     Returns
     -------
     ContactState, Outcome
         Solution on the target grid, and how the solve ended.
     """
-    settings, comm, coarse, boxes = stop.settings, hierarchy.comm, None, None
+    settings, comm, level, coarse, boxes = stop.settings, hierarchy.comm, None, None, None
     nested, prolong = settings.nested, lift if settings.prolongation == "lift" else None
+    if lists and not lists.suit(len(hierarchy.levels) - 1, loading):
+        lists = None
+        hierarchy.target.prepare("exact_product")  # first: it lends its storage
     grids = GridSequence(hierarchy, distances, loading, nested)
-    difference = float("nan")
+    difference, least_difference = float("nan"), settings.coarse_rtol / MAX_COARSE_ERROR
     for number in grids:
+        if lists and coarse is not None and lists.suit(number, loading):
+            cells = level.loaded_cells()
+            if solved := lists.solve(number, cells, grids.depth, loading, stop, history, grids):
+                coarse.destroy()
+                state, difference, numbers = solved
+                return state, grids.result(state, difference, least_difference, numbers)
+            lists = None
+            hierarchy.target.prepare("exact_product")
         level = WindowedLevel(hierarchy, cache, number, distances[number], coarse if nested else None, boxes)
         state, first, target = level.state, coarse is None, grids.at_target
         if not first:
@@ -76,7 +89,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
                 grids.outcome = rest.after(grids.outcome)
-    return state, grids.result(state, difference, settings.coarse_rtol / MAX_COARSE_ERROR)
+    return state, grids.result(state, difference, least_difference)
 
 
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):

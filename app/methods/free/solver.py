@@ -84,7 +84,12 @@ class TrackingSolver(LinearSolver):
             self.operator.invalidate_exact_product()
         self.ksp.setInitialGuessNonzero(True)
         cg = self._cg
-        cg.displacement, cg.shift, cg.first_norm, cg.multiply = state.u, state.depth, norm, self._multiply
+        cg.displacement, cg.shift, cg.first_norm, cg.multiply = (
+            state.u,
+            state.depth,
+            norm,
+            self._multiply_in_contact,
+        )
         iterations, failure = self._run(state.distance.rhs, state.pressure, allowed)
         cg.displacement, cg.shift = None, 0.0  # not longer than the state
         if iterations:
@@ -96,6 +101,8 @@ class TrackingSolver(LinearSolver):
         if not self.multilevel:
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
+
+    _multiply_in_contact = _multiply  # to solve the system; elsewhere u is not needed
 
     def free_work(self):
         """Free work arrays; afterwards u must be recomputed."""

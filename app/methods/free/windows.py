@@ -145,6 +145,13 @@ class WindowedLevel:
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = WindowState(fine, part)
 
+    def loaded_cells(self):
+        """Return the numbers of this rank's contact cells in the grid, and their pressures."""
+        rows, columns = np.nonzero(self.state.contact)
+        rows_of_grid = rows + self._window.y0 + self.state.operator.slabs.rows.start
+        cells = rows_of_grid * self._level.grid.nx + columns + self._window.x0
+        return cells, self.state.p[rows, columns]
+
     def boxes_for_next(self, coarse_minimum, depth):
         """Return the Boxes from which the next finer window is chosen.
 

@@ -1,0 +1,336 @@
+"""Dilute contact: fine grids are solved on lists of cells.
+
+If few cells are in contact, the work can follow these cells instead of the grid. Coarse grids are solved as always. On
+each finer grid the unknowns are a list: the children of contact cells and of their neighbours, and all other cells that
+penetrate. The steps of `app.methods.free.iteration` work on the list as on a grid of one row, with these parts:
+
+- *Product.* `app.halfspace.list_product` computes u in the listed cells, with a proved bound of its error, which the
+  certificate includes.
+- *Preconditioner.* The inverse of A continued periodically, cut off at some cells (`app.methods.free.list_solver`).
+- *Exclusion.* `app.contact.exclusion` proves that most cells outside the list cannot penetrate. In the others u is
+  computed. Cells that penetrate join the list, and the grid is solved again; on the target grid until there are none.
+
+Nothing else has the size of the grid. On one rank the displacement of all cells is computed when it is first used, by
+one product. If the list is too long, or the iteration fails, the grids are solved as without lists.
+
+*Ranks.* Rank 0 solves on lists, as on any small grid. All ranks look for cells that penetrate, each in its rows. On
+several ranks one product on all cells verifies the solution, so that a rank can use its displacements alone.
+"""
+
+import copy
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from app.base.petsc import synchronized
+from app.contact.certificate import Certificate, adopt, estimate
+from app.contact.exclusion import BlockBounds
+from app.contact.grid_errors import GridNumbers, compute_grid_numbers
+from app.contact.history import Outcome
+from app.contact.state import ContactState
+from app.halfspace.cell_list import CellList
+from app.halfspace.kernel import HalfSpaceKernel
+from app.methods.free.iteration import inexact_active_set
+from app.methods.free.list_solver import CountedProduct, ListOperator, ListSolver, ListState
+from app.methods.progress import NeedsSafeguard
+from app.parallel.communicator import propagate_errors
+from app.parallel.reductions import sum_over
+from app.parallel.slabs import none_if_single
+
+MIN_CELLS = 1 << 20  # number of cells from which grids may be solved on lists
+MAX_COST = 0.2  # largest cost of a product from contact to contact, over that of a product on all cells
+MAX_GROWN_COST = 0.4  # the same if all penetrating cells come into contact
+MAX_CHECK_COST = 1.0  # the same of the product that shows which cells penetrate
+MAX_SHARE = 0.02  # largest share of cells for which costs are estimated
+MAX_ROUNDS = 5  # solves of the target grid, after each of which penetrating cells join the list
+
+
+class ListsFail(Exception):
+    """Raised if a list is too long, or the iteration on it fails."""
+
+
+class ListSolution(NamedTuple):
+    """Solution on a list of cells, on all ranks."""
+
+    cells: np.ndarray  # sorted numbers of the cells
+    p: np.ndarray  # [N/mm2]
+    contact: np.ndarray  # cells in C
+    depth: float  # [mm]
+    numbers: GridNumbers
+    certificate: Certificate
+    outcome: Outcome
+
+    @property
+    def loaded(self):
+        """Numbers of the contact cells, and their pressures [N/mm2]."""
+        return self.cells[self.contact], self.p[self.contact]
+
+
+class ExpandedState(ContactState):
+    """Contact state on all cells of a grid, from a ListSolution.
+
+    On one rank the displacement `u` is computed when it is first used. Collective.
+    """
+
+    def __init__(self, level, distance, solution):
+        super().__init__(level, distance)
+        own = _own_cells(solution.cells, level)
+        self._cells = solution.cells[own] - level.slabs.rows.start * level.grid.nx
+        self.values.reshape(-1)[self._cells] = solution.p[own]
+        self.contact.reshape(-1)[self._cells] = solution.contact[own]
+        self.depth = solution.depth
+        del self.u
+        if self.comm is None:
+            adopt(self, solution.certificate)
+
+    @cached_property
+    def u(self):
+        """Displacement A p of all cells [mm], by a product."""
+        u = np.empty(self.p.shape)
+        self.operator.exact_displacement(self.p, u)
+        return u
+
+    def deformation(self):
+        """Return a function that computes u; see `ContactState.deformation`."""
+        return super().deformation() if self.comm else synchronized(lambda: self.u)
+
+    def total_gap(self):
+        """Return the sum of the gap over all cells [mm], on one rank without their displacement.
+
+        By symmetry, the sum of A p is that of p times the displacement by unit pressure on all cells.
+        """
+        if self.comm:
+            return super().total_gap()
+        grid, statistics = self.grid, self.distance.statistics
+        rows, columns = np.divmod(self._cells, grid.nx)
+        y, x = (rows + 0.5) * grid.dy, (columns + 0.5) * grid.dx
+        sides = [(b, a) for b in (y, grid.sides[1] - y) for a in (x, grid.sides[0] - x)]
+        # Each of the four rectangles between a cell and the corners of the patch has the cell at a corner.
+        uniform = sum(a * np.arcsinh(b / a) + b * np.arcsinh(a / b) for b, a in sides)
+        total = self.operator.kernel.compliance * uniform @ self.p.reshape(-1)[self._cells]
+        return statistics.cells * (statistics.mean - self.depth) + total
+
+
+class DiluteContact:
+    """Solver of fine grids on lists of cells; it caches what depends on the grids. Collective.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    """
+
+    def __init__(self, hierarchy):
+        self._hierarchy, self._comm = hierarchy, hierarchy.comm
+        self._products, self._blocks = {}, {}
+
+    @staticmethod
+    def suits(grid, kernel):
+        """Return whether lists are possible on a grid: for a half-space."""
+        return type(kernel) is HalfSpaceKernel and not grid.periodic and grid.n >= MIN_CELLS
+
+    def use_distances(self, distances):
+        """Set the undeformed distances of all levels."""
+        self._distances = distances
+        self._blocks.clear()
+
+    def suit(self, number, loading):
+        """Return whether lists are possible from level `number` on.
+
+        They are for a prescribed approach or load, without a hardness and without holes.
+        """
+        if not (loading.approach_is_known or loading.load):
+            return False
+        finer = self._distances[number:]
+        whole = all(distance.statistics.cells == distance.patch.n for distance in finer)
+        return whole and finer[0].patch.n >= MIN_CELLS and not finer[0].bounds.capped
+
+    def solve(self, first, coarse, depth, loading, stop, history, grids):
+        """Solve level `first` and all finer ones.
+
+        Parameters
+        ----------
+        coarse : ndarray, ndarray
+            This rank's contact cells of the next coarser grid, and their pressures [N/mm2].
+        depth : float
+            Depth found there [mm].
+        loading, stop, history, grids
+            See `app.methods.free.nested.nested_iteration`; `grids` is the GridSequence.
+
+        Returns
+        -------
+        ContactState, float, GridNumbers
+            State on the target grid, difference of the pressures of the last two grids, and numbers of the state. None
+            if lists are more expensive than all cells, or if they fail.
+        """
+        coarse = [self._join(values) for values in coarse]
+        if not self._are_cheaper(first, coarse[0]):
+            return None
+        loading, numbers = copy.deepcopy(loading), []  # as before, if lists fail
+        last = len(self._hierarchy.levels) - 1
+        for number in range(first, last + 1):
+            test = stop if number == last else stop.for_coarse_grid()
+            try:
+                found = self._solve_level(number, coarse, loading.predict(depth), loading, test, history)
+            except ListsFail:
+                return None
+            before, coarse, depth = coarse, found.loaded, found.depth
+            loading.record(depth)
+            numbers.append(found.numbers)
+        target = self._hierarchy.target
+        state = ExpandedState(target, self._distances[-1], found)
+        grids.grid_numbers += numbers[:-1]
+        grids.record(found.outcome, depth)
+        fine, before = _restrict(*coarse, before, target.grid)
+        largest = max(np.linalg.norm(fine), np.linalg.norm(before))
+        difference = (
+            float(np.linalg.norm(fine - before) / largest) if (fine != before).any() else float("nan")
+        )
+        return state, difference, numbers[-1]
+
+    def _are_cheaper(self, number, cells):
+        """Return whether lists are cheaper than all cells, given the coarser grid's contact `cells`.
+
+        The cost of a product decides. The work on all cells is shared by all ranks, that on lists is not.
+        """
+        grid = self._hierarchy.levels[number].grid
+        if cells.size > MAX_SHARE * grid.n:
+            return False
+        children = CellList(grid, _children(cells, grid))
+        return self._product(number, children).cost(children, children) < MAX_COST / self._comm.size
+
+    def _product(self, number, cells):
+        if number not in self._products:
+            self._products[number] = CountedProduct(self._hierarchy, number, cells)
+        return self._products[number]
+
+    def _solve_level(self, number, coarse, depth, loading, stop, history):
+        """Return the `ListSolution` of a level; ListsFail if there is none."""
+        level, b, comm = self._hierarchy.levels[number], self._distances[number].b, self._comm
+        cells, p = _refine(*coarse, level.grid)
+        new, iterations = self._penetrating(number, cells, p, depth), 0
+        for _ in range(MAX_ROUNDS if stop.final else 1):
+            if not cells.size + new.size:  # no contact: the cell of first touch
+                new = (
+                    self._join(np.flatnonzero(b == -self._distances[number].touching))
+                    + level.slabs.rows.start
+                )
+            may_touch = CellList(level.grid, np.union1d(cells[p != 0], new))
+            if self._products[number].cost(may_touch, may_touch) > MAX_GROWN_COST:
+                raise ListsFail
+            cells, p = _insert(cells, p, _widen(new, level.grid))
+            own = cells[_own_cells(cells, level)] - level.slabs.rows.start * level.grid.nx
+            listed, found = self._join(b.reshape(-1)[own]), None
+            with propagate_errors(comm if comm.size > 1 else None):
+                if comm.rank == 0:
+                    found = self._solve_list(
+                        number, cells, listed, (p, depth), not iterations, loading, stop, history
+                    )
+            found = comm.bcast_or_raise(found)
+            if found is None:
+                break
+            p, depth, iterations = found.p, found.depth, iterations + found.outcome.iterations
+            if not stop.final or not (new := self._penetrating(number, cells, p, depth)).size:
+                return found._replace(outcome=found.outcome._replace(iterations=iterations))
+        raise ListsFail
+
+    def _solve_list(self, number, cells, b, start, copied, loading, stop, history):
+        """Solve on a list, from pressure and depth at the `start`; None if this fails.
+
+        `b` is -h at depth 0 [mm]. If `copied`, the pressures are copies from a coarser grid.
+        """
+        level, product = self._hierarchy.levels[number], self._products[number]
+        state = ListState(ListOperator(level, product, cells), self._distances[number], b, *start)
+        solver = ListSolver(self._hierarchy, number, state.operator)
+        try:
+            if copied:
+                state.lift()
+            outcome = inexact_active_set(state, solver, loading, stop, history)
+            if not outcome.converged:
+                return None
+            certificate = estimate(state, stop.settings.error_bound) if stop.final else None
+            numbers = compute_grid_numbers(state, None)
+            return ListSolution(
+                cells, state.p[0], state.contact[0], state.depth, numbers, certificate, outcome
+            )
+        except NeedsSafeguard:
+            return None
+        finally:
+            solver.destroy()
+            state.destroy()
+
+    def _penetrating(self, number, cells, p, depth):
+        """Return the cells outside a list that penetrate, or may do so by the error of a product."""
+        level, b = self._hierarchy.levels[number], self._distances[number].b
+        if number not in self._blocks:
+            self._blocks[number] = BlockBounds(
+                level.grid, level.kernel, b, level.slabs.rows.start, none_if_single(self._comm)
+            )
+        blocks, loaded = self._blocks[number], p != 0
+        sources, p = CellList(level.grid, cells[loaded]), p[loaded]
+        product = self._product(number, sources)
+        others = np.setdiff1d(blocks.undecided(sources.cells, p, depth), cells, assume_unique=True)
+        targets = CellList(level.grid, others)
+        self._hierarchy.count_products(level, blocks.points / level.product_points)
+        count, cost = sum_over(self._comm, [others.size, product.cost(sources, targets)])
+        if count > MAX_SHARE * level.grid.n or cost > MAX_CHECK_COST * self._comm.size:
+            raise ListsFail
+        u = product.apply(sources, p, targets) - product.error_bound * p.sum()
+        own = others - level.slabs.rows.start * level.grid.nx
+        return self._join(others[u < b.reshape(-1)[own] + depth])
+
+    def _join(self, values):
+        """Return the values of all ranks, one rank after the other."""
+        return np.concatenate(self._comm.allgather(values))
+
+
+def _own_cells(cells, level):
+    """Return the slice of sorted cells that are in this rank's rows."""
+    rows, nx = level.slabs.rows, level.grid.nx
+    return slice(*np.searchsorted(cells, [rows.start * nx, rows.stop * nx]))
+
+
+def _children(cells, grid):
+    """Return the cells of a grid in coarser `cells`."""
+    rows, columns = np.divmod(cells, -(-grid.nx // 2))
+    fine = [(2 * rows + j, 2 * columns + i) for j in (0, 1) for i in (0, 1)]
+    return np.sort(np.concatenate([(y * grid.nx + x)[(y < grid.ny) & (x < grid.nx)] for y, x in fine]))
+
+
+def _parents(cells, grid):
+    """Return the coarser cells of a grid's cells."""
+    rows, columns = np.divmod(cells, grid.nx)
+    return rows // 2 * -(-grid.nx // 2) + columns // 2
+
+
+def _widen(cells, grid):
+    """Return cells and their neighbours on a grid, sorted."""
+    rows, columns = np.divmod(cells, grid.nx)
+    around = [
+        np.clip(rows + j, 0, grid.ny - 1) * grid.nx + np.clip(columns + i, 0, grid.nx - 1)
+        for j in (-1, 0, 1)
+        for i in (-1, 0, 1)
+    ]
+    return np.unique(np.concatenate(around))
+
+
+def _insert(cells, p, more):
+    """Return a list with more cells, which have no pressure."""
+    both = np.union1d(cells, more)
+    pressures = np.zeros(both.size)
+    pressures[np.searchsorted(both, cells)] = p
+    return both, pressures
+
+
+def _refine(cells, p, grid):
+    """Return a grid's cells in coarser `cells` and their neighbours, and copied pressures."""
+    wide, copied = _insert(cells, p, _widen(cells, grid.coarsen(1)))
+    fine = _children(wide, grid)
+    return fine, copied[np.searchsorted(wide, _parents(fine, grid))]
+
+
+def _restrict(cells, p, coarse, grid):
+    """Return the pressures of a grid's cells and of a coarser list, on the same coarse cells."""
+    parents = _parents(cells, grid)
+    both, whole = _insert(*coarse, np.unique(parents))
+    return np.bincount(np.searchsorted(both, parents), p, both.size) / 4, whole

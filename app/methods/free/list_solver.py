@@ -1,0 +1,183 @@
+"""Linear solver of contact systems on lists of cells.
+
+The unknowns are a list of cells of a grid, in which all contact is. Fields of a list have the shape (1, cells). To the
+iteration a list is a grid of one row, as a window is a grid of its own.
+"""
+
+import numpy as np
+
+from app.contact.distance import UndeformedDistance
+from app.contact.state import Displacement
+from app.halfspace.cell_list import CellList
+from app.halfspace.grid import Grid
+from app.halfspace.list_product import ListProduct
+from app.halfspace.operator import InfluenceOperator, get_operator
+from app.methods.free.solver import TrackingSolver
+from app.methods.free.windows import WindowState
+
+STENCIL_RADIUS = 8  # cells at which the inverse of A is cut off
+
+
+class CountedProduct(ListProduct):
+    """ListProduct of a level of a hierarchy, which counts the work.
+
+    `number` is the number of the level, `cells` a CellList as in `ListProduct`.
+
+    Attributes
+    ----------
+    inverse : LocalSum
+        Sums with the inverse of A continued periodically, cut off at `STENCIL_RADIUS`.
+    """
+
+    def __init__(self, hierarchy, number, cells):
+        self._hierarchy, self._level = hierarchy, hierarchy.levels[number]
+        super().__init__(self._level.grid, self._level.kernel, cells=cells)
+        self.inverse, self._last = self.stencil(STENCIL_RADIUS), (None, 0.0)
+
+    def cost(self, sources, targets):
+        """Return the estimated time of a product, over that of a product on all cells of the level."""
+        lists, cost = self._last
+        if lists != (sources, targets):
+            cost = super().cost(sources, targets) / self._level.product_points
+            self._last = (sources, targets), cost
+        return cost
+
+    def apply(self, sources, p, targets, out=None):
+        """Return u at the targets [mm]; see `ListProduct.apply`."""
+        self._hierarchy.count_products(self._level, self.cost(sources, targets))
+        return super().apply(sources, p, targets, out)
+
+
+class ListedProduct:
+    """Product with A on a list of `cells`, by a CountedProduct."""
+
+    dtype, count, flops = np.dtype(float), 0, 0  # the CountedProduct counts
+
+    def __init__(self, product, cells):
+        self._product, self._cells = product, CellList(product.grid, cells)
+        self._mask = None
+
+    def _subset(self, mask):
+        if self._mask is None or (mask != self._mask).any():
+            self._mask, self._contact = mask.copy(), CellList(self._product.grid, self._cells.cells[mask[0]])
+        return self._contact
+
+    def apply(self, p, out, mask=None):
+        """Store A p, or C A C p with the mask C, in `out`."""
+        inside = p != 0 if mask is None else mask
+        sources = self._subset(inside)
+        if mask is None:
+            out[0] = self._product.apply(sources, p[inside], self._cells)
+            return
+        out[...] = 0
+        out[mask] = self._product.apply(sources, p[mask], sources)
+
+    def apply_inverse(self, r, out, mask):
+        """Store C B C r in `out`, with the inverse B of A, cut off, and the mask C."""
+        cells = self._subset(mask)
+        out[...] = 0
+        out[mask] = self._product.inverse.apply(cells, r[mask], cells)
+
+
+class ListOperator(InfluenceOperator):
+    """Influence matrix of a list of cells.
+
+    Parameters
+    ----------
+    level : InfluenceOperator
+        Operator of the grid.
+    product : CountedProduct
+    cells : ndarray
+        Sorted numbers of the cells.
+    """
+
+    def __init__(self, level, product, cells):
+        super().__init__(Grid(cells.size, 1, level.grid.dx, level.grid.dy), level.kernel)
+        self.product = self.exact_product = ListedProduct(product, cells)
+        self.error_bound = product.error_bound
+        self.mask[...] = False
+
+
+class StencilInverse:
+    """Preconditioner C B C with the inverse B of A, cut off, as a PC context of a ListOperator."""
+
+    def setUp(self, pc):
+        """Get the operator; PETSc calls it for each contact set."""
+        self._operator = get_operator(pc.getOperators()[1], ListOperator, "StencilInverse")
+
+    def precondition(self, r, z, reduced=None):
+        """Compute z = C B C r; see `app.methods.free.circulant.Circulant.precondition`."""
+        self._operator.product.apply_inverse(r, z, self._operator.mask)
+
+    def local_terms(self, q):
+        """Return no terms; see `app.methods.free.circulant.Circulant.local_terms`."""
+        return ()
+
+
+class ListSolver(TrackingSolver):
+    """TrackingSolver on a list of cells, without multilevel products."""
+
+    _forced = {"pc_type": "python", "pc_python_type": "app.methods.free.list_solver.StencilInverse"}  # noqa: RUF012
+
+    def begin(self, multilevel):
+        """Use the list's product, whatever `multilevel` is."""
+        super().begin(False)
+
+    def _multiply_in_contact(self, p, u):
+        self.operator.product.apply(p, u, self.operator.mask)
+
+    def update_displacement(self, state):
+        """Update u by the last change of p; see `TrackingSolver.update_displacement`.
+
+        The sum of products is as accurate as the product of the sum.
+        """
+        super().update_displacement(state)
+        if state.displacement_status is Displacement.UPDATED:
+            state.displacement_status = Displacement.EXACT
+
+
+class _Values:
+    """Stand-in for a Scatter: it has -h of the listed cells, all of which are admissible."""
+
+    def __init__(self, b):
+        self._b = b[None].copy()
+
+    def forward(self, field):
+        return np.ones(self._b.shape, bool) if field.dtype == bool else self._b
+
+
+class ListState(WindowState):
+    """Contact state of a list of cells, outside of which there is no pressure.
+
+    Parameters
+    ----------
+    operator : ListOperator
+    whole : UndeformedDistance
+        Undeformed distance on all cells of the grid.
+    b : ndarray, shape (cells,), [mm]
+        -h of the listed cells at depth 0.
+    p : ndarray, shape (cells,), [N/mm2]
+        Initial pressure; C are the cells with pressure.
+    depth : float
+        Initial depth [mm].
+    """
+
+    def __init__(self, operator, whole, b, p, depth):
+        super().__init__(operator, UndeformedDistance.part_of(whole, operator, _Values(b)))
+        self.values[0], self.contact[0] = p, p != 0
+        self.depth, self.displacement_status = depth, Displacement.STALE
+
+    def lift(self):
+        """Improve pressures copied from a coarser grid, which leave gaps and overlaps in contact.
+
+        As in `app.methods.free.lift` the inverse of A computes the pressure that closes the gaps of contact and of
+        overlapping cells. Cells with p <= 0 then leave C.
+        """
+        self.compute_displacement()
+        gap, change = self.gap(), np.empty(self.p.shape)
+        self.contact[...] |= gap <= 0
+        self.operator.product.apply_inverse(gap, change, self.contact)
+        self.values[...] -= change
+        self.bounds.project(self.p, self.contact, self.values)
+        self.contact[...] &= self.bounds.between(self.p)
+        self.displacement_status = Displacement.STALE

@@ -1,0 +1,39 @@
+"""Dilute contact on lists of cells, on one and several ranks."""
+
+from unittest import mock
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.methods.free import dilute
+
+
+def spheres():
+    """Return balls, and a spike that vanishes in coarse cells."""
+    grid = Grid.from_domain(48, 70, (0.0, 1.2, 0.0, 1.75))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = np.min([(x - i) ** 2 + (y - j) ** 2 + h for i, j, h in ((0.3, 0.4, 0), (0.9, 1.5, 0.01))], axis=0)
+    gap[35, 40] = 0.015
+    return ContactProblem(grid, Material.from_contact_modulus(1.0), gap)
+
+
+@pytest.mark.mpi(1, 2, 3, 5)
+def test_lists_find_the_same_on_any_number_of_ranks(comm):
+    def solve(comm, **loading):
+        with ContactSolver(spheres(), options={"lcp_rtol": 1e-9}, comm=comm) as solver:
+            return solver.solve(**loading).gather()
+
+    limits = dict.fromkeys(("MAX_COST", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"), np.inf)
+    with mock.patch.multiple(dilute, MIN_CELLS=64, **limits):
+        for loading in ({"load": 0.003}, {"approach": 0.03}, {"approach": 1e-7}):
+            shared, alone = solve(comm, **loading), solve(MPI.COMM_SELF, **loading)
+            if comm.rank == 0:
+                assert shared.converged and not shared.fallbacks
+                assert (shared.contact == alone.contact).all()
+                for name in ("pressure", "displacement", "mean_gap", "perimeter", "contact_area_error"):
+                    values = getattr(alone, name)
+                    np.testing.assert_allclose(
+                        getattr(shared, name), values, atol=1e-9 * np.abs(values).max()
+                    )

@@ -1,0 +1,138 @@
+"""Dilute contact on lists of cells: the same answers, with right bounds."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, ContactSolver, Grid, Listener, Material
+from app.halfspace import list_product
+from app.halfspace.operator import InfluenceOperator
+from app.methods.free import dilute
+from app.verification.dense import DenseProblem
+
+MATERIAL = Material.from_contact_modulus(1.0)
+GRID = Grid(28, 24, 1.0, 1.2)
+
+
+def far_cells(rng):
+    gap = 1e3 * (1 + rng.random(GRID.shape))
+    gap.flat[rng.choice(GRID.n, 9, replace=False)] = 0.1 * rng.random(9)
+    return gap
+
+
+def spikes(rng):
+    gap = 5 + rng.random(GRID.shape)
+    gap.flat[rng.choice(GRID.n, 40, replace=False)] -= 4 * rng.random(40)
+    return gap
+
+
+def plateaus(rng):
+    gap = np.full(GRID.shape, 3.0)
+    for _ in range(6):
+        j, i = rng.integers(0, 20), rng.integers(0, 24)
+        gap[j : j + 4, i : i + 4] = rng.integers(0, 3)
+    return gap
+
+
+def walls(rng):
+    y, x = np.ogrid[:24, :28]
+    gap = 0.02 * ((x - 28 * rng.random()) ** 2 + (y - 24 * rng.random()) ** 2)
+    gap[:, rng.integers(0, 28)] += 1e2
+    gap[rng.integers(0, 24)] += 1e6
+    return gap
+
+
+def balls(rng):
+    y, x = np.ogrid[:24, :28]
+    centres = rng.random((5, 3)) * (28, 24, 0.5)
+    return np.min([0.05 * ((x - i) ** 2 + (y - j) ** 2) + h for i, j, h in centres], axis=0)
+
+
+KINDS = far_cells, spikes, plateaus, walls, balls
+
+
+@pytest.fixture
+def forced(monkeypatch):
+    """Solve grids of any size on lists, and count the solves that did so."""
+    monkeypatch.setattr(dilute, "MIN_CELLS", 64)
+    for name in ("MAX_COST", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"):
+        monkeypatch.setattr(dilute, name, np.inf)
+    done, solve = [], dilute.DiluteContact.solve
+
+    def counted(*args):
+        result = solve(*args)
+        done.append(result is not None)
+        return result
+
+    monkeypatch.setattr(dilute.DiluteContact, "solve", counted)
+    return done
+
+
+def solve(problem, options=None, **loading):
+    with ContactSolver(problem, options=options) as solver:
+        return solver.solve(**loading)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("split", [True, False], ids=["split", "all pairs"])
+def test_lists_give_the_exact_solution_up_to_their_bound(kind, rtol, split, forced, monkeypatch):
+    monkeypatch.setattr(list_product, "_LARGEST_TABLE", 0 if split else GRID.n)
+    for seed in range(2):
+        problem = ContactProblem(GRID, MATERIAL, kind(np.random.default_rng(seed)))
+        dense, options = DenseProblem(problem), {"lcp_rtol": rtol}
+        for load in (1e-3, 0.3, 10.0):
+            by_load = solve(problem, options, load=load)
+            by_approach = solve(problem, options, approach=by_load.approach)
+            exact = dense.under(load, by_load.approach)[0], dense.at(by_load.approach)
+            for found, p in zip((by_load, by_approach), exact, strict=True):
+                size = dense.energy(found.pressure)
+                assert found.converged and not found.fallbacks
+                assert dense.energy(found.pressure - p) <= (found.error_bound + 1e-14) * size  # approach
+            assert by_load.load == pytest.approx(load, rel=1e-12)
+    assert len(forced) == 12 and sum(forced) >= 10  # where coarse grids mislead, all cells are used
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fields_and_numbers_are_those_without_lists(kind, forced, monkeypatch):
+    problem = ContactProblem(GRID, MATERIAL, kind(np.random.default_rng(7)))
+    found = solve(problem, {"lcp_rtol": 1e-10}, load=1.0)
+    assert forced == [True]
+    monkeypatch.setattr(dilute, "MIN_CELLS", 10**9)
+    usual = solve(problem, {"lcp_rtol": 1e-10}, load=1.0)
+    assert (found.contact == usual.contact).all()
+    for name in ("pressure", "displacement", "gap"):
+        values = getattr(usual, name)
+        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-5, atol=1e-5 * abs(values).max())
+    names = "mean_gap", "max_pressure", "perimeter", "contact_extent_x", "moment_x", "approach", "indentation"
+    for name in names:
+        assert getattr(found, name) == pytest.approx(getattr(usual, name), rel=1e-6)
+
+
+def test_no_product_on_all_cells_before_the_displacement_is_used(forced):
+    problem = ContactProblem(GRID, MATERIAL, balls(np.random.default_rng(7)))
+    with ContactSolver(problem) as solver:
+        found, target = solver.solve(load=0.3), solver.hierarchy.target
+        assert forced == [True] and "exact_product" not in vars(target)
+        u = found.displacement
+        assert "exact_product" in vars(target)
+    whole = np.empty(GRID.shape)
+    InfluenceOperator(GRID, MATERIAL.kernel).exact_displacement(found.pressure, whole)
+    np.testing.assert_allclose(u, whole, rtol=1e-12)
+    assert found.displacement is u and found.gather().displacement is u
+
+
+@pytest.mark.parametrize("what", ["hardness", "holes", "periodic", "listener", "layer", "start"])
+def test_other_problems_are_solved_on_all_cells(what, forced):
+    gap, options = balls(np.random.default_rng(7)), {}
+    gap[3, 4] = np.nan if what == "holes" else gap[3, 4]
+    material = Material.layer(1.0, 0.3, 20.0) if what == "layer" else MATERIAL
+    periodic = "x" if what == "periodic" else False
+    hardness = 0.5 if what == "hardness" else None
+    options = {"listeners": [Listener()]} if what == "listener" else {}
+    problem = ContactProblem(GRID, material, gap, periodic=periodic, hardness=hardness)
+    with ContactSolver(problem, **options) as solver:
+        found = solver.solve(load=0.3)
+        if what == "start":
+            assert forced == [True]
+            found = solver.solve(load=0.31, start=found)
+    assert found.converged and len(forced) == (what == "start")
