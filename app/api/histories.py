@@ -107,6 +107,21 @@ class Histories:
         return call_collectively(self.comm, single_loading, loadings, f"{what}: ")
 
     @contextmanager
+    def replaced(self, problem):
+        """Replace the problem by `update` during a ``with`` block."""
+        before = self.problem
+        if problem is before:
+            yield self
+            return
+        self.update(problem)
+        try:
+            yield self
+        except BaseException:
+            self.problem, self._was_interrupted = before, True
+            raise
+        self.update(before)
+
+    @contextmanager
     def shifted(self, step):
         """Solve a `ShiftedProblem` instead of the problem during a ``with`` block; None: the problem."""
         self._step, before = step, self._step

@@ -12,7 +12,7 @@ prefix of its own, and only during set-up and solves.
 """
 
 import weakref
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
@@ -364,21 +364,6 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         except BaseException:
             self.problem, self._was_interrupted = before, True
             raise
-
-    @contextmanager
-    def replaced(self, problem):
-        """Replace the problem by `update` during a ``with`` block."""
-        before = self.problem
-        if problem is before:
-            yield self
-            return
-        self.update(problem)
-        try:
-            yield self
-        except BaseException:
-            self.problem, self._was_interrupted = before, True
-            raise
-        self.update(before)
 
     def _check_open(self):
         if not self._finalizer.alive:
