@@ -214,7 +214,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         roughness = roughness or measures.measure_roughness(hierarchy.target, distances[-1], target)
         # From here on nothing fails.
         before, self._distances = self._distances, distances
-        self.touching, self._roughness = reference, roughness
+        self.touching, self._roughness = step.touching if step else reference, roughness
         self._indentation, self._shift, self._measured_step = indentation, shift, step
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
@@ -281,6 +281,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
     def _solve(self, values, start):
         if self._was_interrupted or self._step is not self._measured_step:  # maybe in an update
             self.hierarchy.collect_garbage()
+            self._was_interrupted = True
             self._measure_shapes()
             self._was_interrupted = False
         loading, uniform = self._make_loading(values), self._uniform_compliance
@@ -290,9 +291,8 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         if not uniform or loading.kind != "approach" or loading.misses_contact(self._distances[-1]):
             solution = self._solve_loading(loading, start)
         else:
-            solve = partial(self._solve_loading, start=start)
-            approach = loading.approach - (self._shift.uniform if self._shift else 0.0)
-            solution = search_approach(solve, self.problem, self._distances[-1], approach, self.settings)
+            solve, distance = partial(self._solve_loading, start=start), self._distances[-1]
+            solution = search_approach(solve, self.problem, distance, loading.approach, self.settings)
         solution = self._shift.add_to(solution, values) if self._shift else solution
         return add_uniform_displacement(solution, uniform) if uniform else solution
 
@@ -372,7 +372,10 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
     def _make_loading(self, values):
         if self._shift:
             values = self._shift.net_loading(values, self._distances[-1].bounds.largest_load)
-        return make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
+        loading = make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
+        if self._shift and values.get("approach") is not None:
+            loading.approach -= self._shift.uniform
+        return loading
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
         proof = certify(state, self.settings.error_bound)  # may take a product

@@ -175,7 +175,8 @@ class PrescribedApproach(Loading):
         """
         if uniform_compliance and distance.bounds.capped:
             what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
-            raise InputError(f"{what}: not for a layer on a rigid base with a hardness; {advice}")
+            bodies = "a layer on a rigid base or a compliant surface"
+            raise InputError(f"{what}: not with a hardness for {bodies}; {advice}")
         if not grid.doubly_periodic or uniform_compliance:
             return cls(value)
         (cells, mean, *_), reference = distance.statistics, distance.reference

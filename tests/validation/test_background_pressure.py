@@ -134,6 +134,23 @@ def test_loads_below_that_of_the_background_are_refused(loading):
         solved(limited, **{name: 100 for name in loading})
 
 
+@pytest.mark.parametrize("material", [Material.layer(5.0, 0.45, 0.2), Material.combined(80000, 0.3)])
+def test_approaches_count_the_uniform_displacement_of_the_background(material):
+    grid = Grid.from_domain(12, 10, (-1, 1, -0.8, 0.8), periodic=True)
+    compliance = 0.01 if material.is_half_space else 0.0
+    problem = ContactProblem(
+        grid, material, Sphere(25), background_pressure=0.2, surface_compliance=compliance
+    )
+    with ContactSolver(problem) as solver:
+        touching = solver.solve(load=0.2 * grid.area).approach
+        for approach in (touching - 0.2, touching / 2, touching + 0.001):
+            found = solver.solve(approach=approach)
+            assert found.converged and found.approach == pytest.approx(approach, rel=1e-6)
+            e = Sphere(25).shape_on(grid) - approach + found.displacement
+            np.testing.assert_allclose(found.gap, e.clip(min=0), atol=1e-6)
+            assert (found.pressure.max() > 0.2) == (approach > touching)
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     grid = Grid.from_domain(64, 48, (-1, 1, -0.5, 1.0))
