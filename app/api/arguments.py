@@ -7,6 +7,8 @@ from importlib import import_module
 from inspect import signature
 from types import ModuleType
 
+import numpy as np
+
 from app.base.errors import InputError, check_type, format_distinct, format_error, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells
@@ -22,6 +24,13 @@ MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums ove
 INCOMPRESSIBLE_POISSON = 0.495  # ratio above which cells wider than a layer are refused
 MAX_LAYER_CELL = 3.0  # largest cell of an incompressible layer, over its thickness
 _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|snes)_")
+
+
+def check_parts(what, problem, *names):
+    """Raise InputError if the problem has one of the named quantities."""
+    for name in names:
+        if np.any(getattr(problem, name)):
+            raise InputError(f"{what}: not with a {name.replace('_', ' ')}")
 
 
 def parse_arguments(problem, method, options, prefix, listeners):

@@ -5,6 +5,7 @@ from copy import copy
 
 import numpy as np
 
+from app.api.arguments import check_parts
 from app.api.creep import CreepPath
 from app.api.wear import WearPath
 from app.base.errors import InputError, call_collectively, is_number, plain_number
@@ -40,17 +41,13 @@ class Histories:
         ------
         InputError
             If a number is not allowed, or the material is not viscoelastic (`Material.viscoelastic`), or the problem
-            has a hardness or a background pressure.
+            has a hardness, a background pressure or a surface compliance.
         """
-        self._check_open()
         if self.problem.material.creep is None:
             raise InputError(
                 "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
             )
-        for name in ("hardness", "background_pressure"):
-            if getattr(self.problem, name) is not None:
-                raise InputError(f"creep: not with a {name.replace('_', ' ')}")
-        kind, numbers = call_collectively(self.comm, single_loading, loadings, "creep: ")
+        kind, numbers = self._begin_history("creep", loadings, "surface_compliance")
         return CreepPath(self, times, kind, numbers, stiffness, progress)
 
     @usage(f"solver.wear(coefficient=1e-9, distance=4000, steps=80, {USAGE}")
@@ -84,6 +81,7 @@ class Histories:
         for name, value in (("coefficient", coefficient), ("distance", distance)):
             if not (is_number(plain_number(value)) and 0 < float(value) < np.inf):
                 raise InputError(f"{name} {value}: must be a positive number")
+        steps = plain_number(steps)
         if not (isinstance(steps, int) and not isinstance(steps, bool) and steps > 0):
             raise InputError(f"steps {steps}: must be a whole number from 1")
         kind, numbers = self._begin_history("wear", loadings)
@@ -95,15 +93,14 @@ class Histories:
         object.__setattr__(problem, "surface_compliance", problem.surface_compliance + compliance)
         solver = type(self)(problem, *self._made_by)
         solver.quiet = self.quiet
+        solver.with_stiffness = self.with_stiffness  # of the bodies, without k s
         distances = (float(distance) * np.arange(1, steps + 1) / steps).tolist()
-        return WearPath(solver, compliance, distances, kind, numbers, stiffness, progress)
+        return WearPath(solver, self.problem, compliance, distances, kind, numbers, stiffness, progress)
 
-    def _begin_history(self, what, loadings):
+    def _begin_history(self, what, loadings, *refused):
         """Return the prescribed quantity and its numbers, checked."""
         self._check_open()
-        for name in ("hardness", "background_pressure"):
-            if getattr(self.problem, name) is not None:
-                raise InputError(f"{what}: not with a {name.replace('_', ' ')}")
+        check_parts(what, self.problem, "hardness", "background_pressure", *refused)
         return call_collectively(self.comm, single_loading, loadings, f"{what}: ")
 
     @contextmanager

@@ -131,7 +131,7 @@ class LoadPath:
         raise AttributeError(f"this path has no {name}" + (f"; {hint}" if column or similar else ""))
 
     def __repr__(self):
-        return f"<LoadPath: {len(self)} steps by {self._kind}, {len(self.rows)} done>"
+        return f"<{type(self).__name__}: {len(self)} steps by {self._kind}, {len(self.rows)} done>"
 
     def __len__(self):
         return len(self.numbers)
@@ -315,6 +315,7 @@ class _LoadHistory:
             surfaces=(*surfaces, surface),
             hardness=problem.hardness,
             background_pressure=problem.background_pressure,
+            surface_compliance=problem.surface_compliance,
         )
         self.added = self._loading.part_of_indentation(float(surface.depth.mean()))
 

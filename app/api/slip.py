@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.api.arguments import check_parts
 from app.api.solution import Solution
 from app.base.errors import InputError, check_equal_on_ranks, format_exact, is_number, plain_number
 from app.base.usage import usage
@@ -137,9 +138,7 @@ class Friction:
 
     def _check_similar(self):
         """Return the ratio of the compliances, if slip can be solved for this problem."""
-        for name in ("hardness", "background_pressure", "surface_compliance"):
-            if np.any(getattr(self.problem, name)):
-                raise InputError(f"slip: not with a {name.replace('_', ' ')}")
+        check_parts("slip", self.problem, "hardness", "background_pressure", "surface_compliance")
         return compliance_ratio(self.problem.material)
 
     def _check_slip(self, load, friction, loads):
@@ -152,7 +151,8 @@ class Friction:
                     and np.isfinite(value)
                     and (value > 0 or (value == 0 and values is loads))
                 ):
-                    raise InputError(f"{name} {value}: must be a positive number")
+                    limits = "a number from 0" if values is loads else "a positive number"
+                    raise InputError(f"{name} {value}: must be {limits}")
         for each in loads:
             if each > friction * load:
                 most = f"must be at most {format_exact(friction * load)} N, friction times load"
@@ -177,7 +177,7 @@ class Friction:
             stick_area=stuck.contact_area,
             slip_area=normal.contact_area - stuck.contact_area,
             tangential_stiffness=self.stiffness(stuck) / ratio,
-            dissipated_energy=float(4 * friction**2 * ratio * work) * self.problem.grid.cell_area,
+            dissipated_energy=float(4 * friction * (friction * work) * ratio) * self.problem.grid.cell_area,
             error_bound=float(errors / np.sqrt(change)) if change else 0.0,
             traction=friction * p,
             slip=friction * ratio * slip,

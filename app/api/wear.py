@@ -23,20 +23,23 @@ class WearStep(ShiftedProblem):
     ----------
     problem, hierarchy
         See `ShiftedProblem`.
+    bodies : Problem
+        Problem without k s.
     worn : ndarray, shape (local rows, nx)
         Worn depth before the step [mm].
     compliance : float
         k s [mm / (N/mm2)].
     """
 
-    def __init__(self, problem, hierarchy, worn, compliance):
+    def __init__(self, problem, hierarchy, bodies, worn, compliance):
         self.grid, self.comm, self.hardness = problem.grid, hierarchy.comm, None
-        self.displacement, self.compliance = worn, compliance
+        self.bodies, self.displacement, self.compliance = bodies, worn, compliance
 
     def add_to(self, solution, values):
         """Return the Solution with the worn shape; see `ShiftedProblem.add_to`."""
         now, distance = self.compliance * solution.pressure, solution.distance
         worn = self.displacement + now
+        facts = {name: value for name, value in solution.problem.items() if name != "surface_compliance"}
         volume = sum_over(self.comm, [worn.sum()])[0] * self.grid.cell_area
         return replace(
             solution,
@@ -44,7 +47,7 @@ class WearStep(ShiftedProblem):
             distance=lambda: distance() + now,
             indentation=solution.approach - self.touching,
             extra=solution.extra | {"worn_depth": worn},
-            problem=solution.problem | {"worn_volume": float(volume)},
+            problem=facts | self.bodies.describe() | {"worn_volume": float(volume)},
         )
 
 
@@ -58,19 +61,21 @@ class WearPath(LoadPath):
     ----------
     solver : ContactSolver
         Solver of the problem with the surface compliance k s added.
+    bodies : Problem
+        Problem without k s.
     compliance : float
         k s of one step [mm / (N/mm2)].
     distances : sequence of float
         Sliding distances at the ends of the steps [mm].
     """
 
-    def __init__(self, solver, compliance, distances, kind, numbers, stiffness=False, progress=False):
-        self.distances, self._compliance = distances, compliance
+    def __init__(self, solver, bodies, compliance, distances, kind, numbers, stiffness=False, progress=False):
+        self.distances, self._bodies, self._compliance = distances, bodies, compliance
         self._worn = np.zeros(solver.hierarchy.target.local_shape)
         super().__init__(solver, kind, numbers, stiffness, (), progress)
 
     def _solve_step(self, history, number):
-        step = WearStep(self._problem, self._solver.hierarchy, self._worn, self._compliance)
+        step = WearStep(self._problem, self._solver.hierarchy, self._bodies, self._worn, self._compliance)
         with self._solver.shifted(step):
             solution = self._solve_counted(number)
         self._worn = solution.extra["worn_depth"]

@@ -125,7 +125,7 @@ def test_periodic_patches_keep_the_conditions(periodic):
     ("arguments", "message"),
     [
         ({"tangential_load": 31}, "the bodies slide; must be at most 30 N"),
-        ({"tangential_load": -1}, "tangential_load -1: must be a positive number"),
+        ({"tangential_load": -1}, "tangential_load -1: must be a number from 0"),
         ({"friction": 0}, "friction 0: must be a positive number"),
         ({"load": True}, "load True: must be a positive number"),
     ],
@@ -159,6 +159,12 @@ def test_compliant_surfaces_are_refused():
     )
     with ContactSolver(problem) as solver, pytest.raises(InputError, match="not with a surface compliance"):
         solver.slip(load=100, friction=0.3, tangential_load=10)
+
+
+def test_any_friction_has_finite_numbers():
+    with ContactSolver(ball(0.3, 16)) as solver:
+        found = solver.slip(load=100, friction=1e300, tangential_load=10)
+    assert found.dissipated_energy == 0 and np.isfinite(found.tangential_displacement)
 
 
 @pytest.mark.mpi(2, 3)

@@ -141,6 +141,44 @@ def test_wrong_compliances_are_refused(compliance):
         )
 
 
+def test_stiffness_conductance_and_compliance_are_those_of_the_bodies():
+    steel = STEEL.conducting(resistivity=(1e-7, 1e-7))
+    problem = ContactProblem(Grid.from_domain(32, 32, (-0.4, 0.4, -0.4, 0.4)), steel, Sphere(10))
+    with ContactSolver(problem) as solver:
+        *_, last = path = list(solver.wear(1e-6, np.array(40), np.int64(2), load=50, stiffness=True))
+        stiffness = solver.stiffness(last)
+        solver.close()
+    worn = ContactProblem(problem.grid, steel, Sphere(10).shape_on(problem.grid) + last.worn_depth)
+    fresh = solved(worn, load=50)
+    assert last.stiffness == stiffness == pytest.approx(fresh.stiffness, rel=0.02)
+    assert last.electrical_conductance == pytest.approx(fresh.electrical_conductance, rel=0.02)
+    assert "surface_compliance" not in last.problem and len(path) == 2
+    soft = ContactProblem(problem.grid, steel, Sphere(10), surface_compliance=1e-5)
+    with ContactSolver(soft) as solver:
+        own = solver.solve(load=50)
+        [last] = solver.wear(1e-6, 40, 1, load=50)
+    assert last.problem["surface_compliance"] == 1e-5
+    assert own.stiffness > 0 and own.electrical_conductance is own.conductance_width is None
+
+
+def test_unloading_with_a_hardness_keeps_the_compliance():
+    grid = Grid.from_domain(32, 32, (-0.4, 0.4, -0.4, 0.4))
+    problem = ContactProblem(grid, STEEL, Sphere(10), surface_compliance=1e-6, hardness=400)
+    with ContactSolver(problem) as solver:
+        loaded, less = solver.path(load=[60, 20])
+        shape = Sphere(10).shape_on(grid) + loaded.plastic_depth
+        expected = solved(ContactProblem(grid, STEEL, shape, surface_compliance=1e-6), load=20)
+    np.testing.assert_allclose(less.pressure, expected.pressure, atol=1e-4 * expected.max_pressure)
+
+
+def test_compliant_surfaces_have_no_theory_of_half_spaces():
+    waves = 1e-4 * np.random.default_rng(0).random((16, 16))
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1), periodic=True)
+    stiff, soft = (ContactProblem(grid, STEEL, surfaces=[waves], surface_compliance=c) for c in (0, 1e-7))
+    facts = [solved(problem, load=5).problem for problem in (stiff, soft)]
+    assert [any("persson" in name for name in names) for names in facts] == [True, False]
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     problem = ContactProblem(Grid.from_domain(64, 48, (-0.4, 0.4, -0.3, 0.3)), STEEL, Sphere(10))
