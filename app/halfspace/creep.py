@@ -52,7 +52,7 @@ class CreepFunction(NamedTuple):
         a step of a `duration` [s] changes them exactly to ``decay e_i + before p(t) + after p(t + duration)``. Return
         decay, before and after, each of shape (i,).
         """
-        ratio = duration / np.array(self.times)
+        ratio = np.maximum(duration / np.array(self.times), np.finfo(float).tiny)
         decay, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
         return decay, mean - decay, 1 - mean
 

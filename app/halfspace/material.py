@@ -15,6 +15,8 @@ from app.halfspace.kernel import HalfSpaceKernel, Kernel
 from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
 
+_LONGEST = 1e50  # relaxation time, and the reciprocal of the shortest [s]
+
 
 @usage("Material.isotropic(E, nu) of equal bodies, or Material.combined(G, nu) of the pair")
 @dataclass(frozen=True, init=False, repr=False)
@@ -313,8 +315,10 @@ class Material:
             times, moduli = (tuple(map(to_float, np.atleast_1d(values))) for values in (times, moduli))
         except (TypeError, ValueError):
             raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
-        if not (len(times) == len(moduli) > 0 and all(0 < time < np.inf for time in times)):
-            raise InputError("viscoelastic: must be positive times [s], and as many moduli")
+        if not (len(times) == len(moduli) > 0 and all(1 / _LONGEST <= time <= _LONGEST for time in times)):
+            raise InputError(
+                f"viscoelastic: must be positive times of {1 / _LONGEST:g} to {_LONGEST:g} s, and as many moduli"
+            )
         if not (min(moduli) > 0 and sum(moduli) < 1):
             given = ",".join(map(format_exact, moduli))
             raise InputError(

@@ -145,6 +145,7 @@ def test_one_body_creeps():
         (((1, 2), (0.5,)), "positive times"),
         (((1,), (1.0,)), "sum to less than 1"),
         (((-1,), (0.5,)), "positive times"),
+        (((5e-324,), (0.5,)), "positive times"),
         (("soon", 1), "must be times"),
         ((1, 0.5, 3), "body 3: must be 1 or 2"),
     ],
@@ -170,6 +171,18 @@ def test_wrong_paths_are_refused():
     limited = ContactProblem(Grid.from_domain(8, 8, (0, 1, 0, 1)), MAXWELL, Sphere(10), hardness=5)
     with ContactSolver(limited) as solver, pytest.raises(InputError, match="not with a hardness"):
         solver.creep([0], load=1)
+    lined = ContactProblem(Grid.from_domain(8, 8, (0, 1, 0, 1)), MAXWELL, Sphere(10), surface_compliance=1)
+    with ContactSolver(lined) as solver, pytest.raises(InputError, match="not with a surface compliance"):
+        solver.creep([0], load=1)
+
+
+def test_steps_too_short_for_floats_are_instantaneous():
+    with ContactSolver(ball(MAXWELL, 16)) as solver:
+        touching = solver.touching
+        first, second = path = list(solver.creep([0, 5e-324], load=0.2))
+        late = list(solver.creep([0, 1], load=0.2))[1]
+        assert solver.touching == touching < late.approach
+    assert len(path) == 2 and second.approach == pytest.approx(first.approach, rel=1e-12)
 
 
 @pytest.mark.mpi(2, 3)
