@@ -255,19 +255,19 @@ def _check_processes(processes, jobs):
 
 
 def _sort_by_solver(jobs):
-    """Return the jobs, sorted so that equal grid and material are together."""
+    """Return the jobs, sorted so that those of one solver are together."""
     groups = {}
     for job in jobs:
-        pair = job.problem.grid, job.problem.material
+        bodies = job.problem.grid, job.problem.material, job.problem.surface_compliance
         try:
-            groups.setdefault(pair, []).append(job)
+            groups.setdefault(bodies, []).append(job)
         except TypeError:  # a material with arrays
-            groups.setdefault(tuple(map(id, pair)), []).append(job)
+            groups.setdefault(tuple(map(id, bodies)), []).append(job)
     return [job for group in groups.values() for job in group]
 
 
 class _ReusedSolver:
-    """Solver that is set up again only for another grid or material."""
+    """Solver that is set up again only for another grid, material or surface compliance."""
 
     def __init__(self, loading, fields, method=None, options=None, comm=None):
         self._kind, self._fields = loading.name, fields
@@ -281,12 +281,13 @@ class _ReusedSolver:
         self._solver = None
 
     def set_up(self, problem):
-        """Make a solver for the grid and material of a problem. Collective."""
+        """Make a solver for the bodies of a problem. Collective."""
         if self._solver is not None and self._solver.problem.fits(problem):
             return
         self.close()
         # Set-up does not need the shape. Errors of shapes concern one problem, those of set-up all of them.
-        plane = ContactProblem(problem.grid, problem.material, Plane())
+        compliance = problem.surface_compliance
+        plane = ContactProblem(problem.grid, problem.material, Plane(), surface_compliance=compliance)
         self._solver = ContactSolver(plane, *self._arguments)
         self._solver.quiet = True
 

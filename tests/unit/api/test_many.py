@@ -59,6 +59,17 @@ def test_problems_of_one_grid_and_material_share_a_solver(monkeypatch):
     assert len(made) == 2
 
 
+def test_problems_of_other_backgrounds_and_compliances():
+    problems = [
+        replace(punch(16), background_pressure=pressure, surface_compliance=compliance)
+        for compliance in (0, 1e-6)
+        for pressure in (0, 1)
+    ]
+    table = solve_many([*problems[::2], *problems[1::2]], approach=0.05)
+    numbers = [solve(problem, approach=0.05).load for problem in (*problems[::2], *problems[1::2])]
+    np.testing.assert_array_equal(table["load"], numbers)
+
+
 @pytest.mark.parametrize(
     ("loads", "expected"),
     [
