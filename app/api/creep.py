@@ -15,7 +15,7 @@ import numpy as np
 from app.api.analytic_values import THEORIES
 from app.api.load_path import LoadPath
 from app.api.shifted_problem import ShiftedProblem
-from app.base.errors import InputError, call_collectively, format_exact
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 
 _SUMS = (
     "mean_pressure",
@@ -77,6 +77,7 @@ class CreepPath(LoadPath):
 
     def __init__(self, solver, times, kind, numbers, stiffness=False, progress=False):
         self.times = call_collectively(solver.comm, _as_times, times)
+        check_equal_on_ranks(solver.comm, self.times, "creep: times")
         numbers = np.full(len(self.times), numbers).tolist() if np.ndim(numbers) == 0 else numbers
         super().__init__(solver, kind, numbers, stiffness, (), progress)
         if len(self.numbers) != len(self.times):

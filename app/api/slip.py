@@ -22,6 +22,7 @@ from app.api.arguments import check_parts
 from app.api.solution import Solution
 from app.base.errors import InputError, check_equal_on_ranks, format_exact, is_number, plain_number
 from app.base.usage import usage
+from app.contact.prescribed_load import LOAD_ROUNDING
 from app.parallel.reductions import sum_over
 
 _LARGEST_COUPLING = 1e-6  # Dundurs' constant beta up to which bodies are similar
@@ -129,7 +130,8 @@ class Friction:
             pressure or a surface compliance.
         """
         self._check_open()
-        loads = np.atleast_1d(tangential_load).tolist()
+        loads = [plain_number(each) for each in np.atleast_1d(tangential_load).tolist()]
+        load, friction = plain_number(load), plain_number(friction)
         check_equal_on_ranks(self.comm, (load, friction, loads), "slip")
         ratio = self._check_slip(load, friction, loads)
         normal = self.solve(load=load)
@@ -145,7 +147,7 @@ class Friction:
         """Check the arguments of `slip`; return the ratio of the compliances."""
         ratio = self._check_similar()
         for name, values in (("load", [load]), ("friction", [friction]), ("tangential_load", loads)):
-            for value in map(plain_number, values):
+            for value in values:
                 if not (
                     is_number(value)
                     and np.isfinite(value)
@@ -154,7 +156,7 @@ class Friction:
                     limits = "a number from 0" if values is loads else "a positive number"
                     raise InputError(f"{name} {value}: must be {limits}")
         for each in loads:
-            if each > friction * load:
+            if each > friction * load * (1 + LOAD_ROUNDING):
                 most = f"must be at most {format_exact(friction * load)} N, friction times load"
                 raise InputError(f"tangential_load {format_exact(each)}: the bodies slide; {most}")
         return ratio

@@ -194,3 +194,9 @@ def test_ranks_agree(comm):
         with ContactSolver(problem, comm=MPI.COMM_SELF) as solver:
             for one, other in zip(shared, solver.creep(times, load=0.3), strict=True):
                 np.testing.assert_allclose(one.pressure, other.pressure, atol=1e-5 * other.max_pressure)
+
+
+@pytest.mark.mpi(2)
+def test_other_times_on_other_ranks_are_refused(comm):
+    with ContactSolver(ball(MAXWELL, 16), comm=comm) as solver, pytest.raises(InputError, match="times"):
+        solver.creep([0, 1 + comm.rank], load=1)

@@ -1,5 +1,7 @@
 """Partial slip: Mindlin's sphere, and a dense solver with Cerruti's coupled displacements."""
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 
@@ -164,7 +166,9 @@ def test_compliant_surfaces_are_refused():
 def test_any_friction_has_finite_numbers():
     with ContactSolver(ball(0.3, 16)) as solver:
         found = solver.slip(load=100, friction=1e300, tangential_load=10)
+        full = solver.slip(load=Decimal(100), friction=0.29, tangential_load=29)  # 0.29 * 100 < 29
     assert found.dissipated_energy == 0 and np.isfinite(found.tangential_displacement)
+    assert full.stick_area == 0 < full.slip_area
 
 
 @pytest.mark.mpi(2, 3)
