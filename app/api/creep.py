@@ -75,6 +75,8 @@ class CreepPath(LoadPath):
         Times [s], increasing. Between two times pressures change linearly.
     """
 
+    can_resume = False
+
     def __init__(self, solver, times, kind, numbers, stiffness=False, progress=False):
         self.times = call_collectively(solver.comm, _as_times, times)
         check_equal_on_ranks(solver.comm, self.times, "creep: times")

@@ -91,6 +91,8 @@ class LoadPath:
     ([0.1, 0.1, 0.2], array([200., 400., 800.]))
     """
 
+    can_resume = True  # False if a step depends on more than the numbers of the steps before
+
     def __init__(self, solver, kind, numbers, stiffness=False, rows=(), progress=False, flow=False):
         self._solver, self._kind, self._with_stiffness, self._with_flow = solver, kind, stiffness, flow
         self._progress = progress
@@ -109,6 +111,8 @@ class LoadPath:
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")
+        if self.rows and not self.can_resume:
+            raise InputError("path: cannot be resumed: its steps depend on the pressures of earlier steps")
         if len(self.rows) > len(self.numbers):
             raise InputError(
                 f"path: {len(self.rows)} steps are finished, but the path has only {len(self.numbers)}"

@@ -69,6 +69,8 @@ class WearPath(LoadPath):
         Sliding distances at the ends of the steps [mm].
     """
 
+    can_resume = False
+
     def __init__(self, solver, bodies, compliance, distances, kind, numbers, stiffness=False, progress=False):
         self.distances, self._bodies, self._compliance = distances, bodies, compliance
         self._worn = np.zeros(solver.hierarchy.target.local_shape)

@@ -185,6 +185,14 @@ def test_steps_too_short_for_floats_are_instantaneous():
     assert len(path) == 2 and second.approach == pytest.approx(first.approach, rel=1e-12)
 
 
+def test_rows_do_not_resume_a_path():
+    with ContactSolver(ball(MAXWELL, 16)) as solver:
+        path = solver.creep([0, 1, 2], load=0.2)
+        next(iter(path))
+        with pytest.raises(InputError, match="cannot be resumed"):
+            path.resume_after(path.rows)
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     problem, times = ball(SPECTRUM, 48), [0, 1, 3]

@@ -179,6 +179,15 @@ def test_compliant_surfaces_have_no_theory_of_half_spaces():
     assert [any("persson" in name for name in names) for names in facts] == [True, False]
 
 
+def test_rows_do_not_resume_a_path():
+    problem = ContactProblem(Grid.from_domain(8, 8, (-1, 1, -1, 1)), STEEL, Sphere(10))
+    with ContactSolver(problem) as solver:
+        path = solver.wear(1e-9, 10, 3, load=5)
+        next(iter(path))
+        with pytest.raises(InputError, match="cannot be resumed"):
+            path.resume_after(path.rows)
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     problem = ContactProblem(Grid.from_domain(64, 48, (-0.4, 0.4, -0.3, 0.3)), STEEL, Sphere(10))
