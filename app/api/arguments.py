@@ -39,6 +39,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
     Raises InputError if an argument is not allowed, or if this machine cannot do what it asks for.
     """
     check_type("problem", problem, Problem, "a ContactProblem")
+    if problem.material.own_kernel is not None and not problem.kernel.smallest_eigenvalue(problem.grid) > 0:
+        raise InputError(f"{problem.material.own_kernel!r}: the compliance of some waves is not positive")
     check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
     check_type("listeners", listeners, Sequence, "a sequence of app.Listener")
     for listener in listeners:

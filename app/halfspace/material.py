@@ -238,6 +238,10 @@ class Material:
         """
         if not isinstance(kernel, Kernel):
             raise InputError(f"kernel: {kernel!r}; must be a Kernel")
+        if not 0 < kernel.compliance < np.inf:
+            raise InputError(
+                f"kernel: its compliance is {format_exact(kernel.compliance)}; must be positive and finite"
+            )
         material = cls.from_contact_modulus(1 / (np.pi * kernel.compliance))
         object.__setattr__(material, "own_kernel", kernel)
         return material

@@ -151,4 +151,9 @@ def test_what_is_not_known_of_the_body_is_refused_in_one_line(fibres):
         material.conducting(resistivity=1e-8)
     with pytest.raises(InputError, match="^kernel: 3; must be a Kernel$"):
         Material.from_kernel(3)
+    with pytest.raises(InputError, match="^kernel: its compliance is 0; must be positive"):
+        Material.from_kernel(type(fibres)([0, 1]))
+    weak = Material.from_kernel(type(fibres)([1e-5, 2e-5]))
+    with pytest.raises(InputError, match="^<Orthotropic, .* the compliance of some waves is not positive$"):
+        solve(ContactProblem(GRID, weak, lambda x, y: x**2), load=10)
     assert problem.reference(0.01) is None and "Orthotropic" in repr(problem)
