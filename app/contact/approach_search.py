@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.contact.history import Outcome
 from app.contact.loading import Loading, PrescribedApproach
 
 _MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
@@ -102,6 +101,8 @@ class SearchedLoading(Loading):
         """
         touching, rtol = state.first_touch(), max(rtol, self.resolution(state.grid))
         numbers = {touching: 0.0}  # by depth
+        from app.contact.history import Outcome  # here, for a help text without PETSc
+
         outcome = Outcome(True, "")
 
         def relative_error(depth):

@@ -63,5 +63,7 @@ def validate_number(name, number):
         allowed = f"must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
         raise InputError(f"{name} {format_exact(value)}: {allowed}")
     if value < loading.least:
-        raise InputError(f"{name} {format_exact(value)}: must be at least {loading.least:g} {loading.unit}")
+        raise InputError(
+            f"{name} {format_exact(value)}: must be at least {format_exact(loading.least)} {loading.unit}"
+        )
     return value

@@ -12,10 +12,8 @@ from math import isclose, sqrt
 import numpy as np
 
 from app.base.errors import InputError, format_exact
-from app.contact import full_plasticity
 from app.contact.approach_search import SearchedLoading
 from app.contact.loading import PrescribedApproach
-from app.contact.plastic_load import step_to_load
 from app.contact.stopping import BELOW_ROUNDING
 
 MIN_SECANT_STEP = 3.0  # least step of the approach that gives a secant slope, over the rms residual
@@ -60,6 +58,8 @@ class PrescribedLoad(SearchedLoading):
         if not value:  # the approach is not unique
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load, largest = cls.load_per_number(grid), distance.bounds.largest_load
+        from app.contact import full_plasticity  # here, for a help text without PETSc
+
         if value * to_load > (1 + full_plasticity.LOAD_ROUNDING) * largest:
             limit = f"{format_exact(largest / to_load)} {cls.unit}, which all cells carry at their hardness"
             raise InputError(f"{cls.name} {format_exact(value)}: must be at most {limit}")
@@ -206,6 +206,8 @@ class PrescribedLoad(SearchedLoading):
         The step is multiplied by a factor that follows from the last errors of the model of load against depth. This is
         faster if the model is always wrong by the same factor.
         """
+        from app.contact.plastic_load import step_to_load
+
         step, expected = step_to_load(state, gaps.load, self.load, stiffness)
         missing, (before, depth) = self.load - expected, self._missing or (0.0, state.depth)
         if before and abs(state.depth - depth) > MIN_MODEL_STEP * gaps.rms:

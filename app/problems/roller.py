@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number
-from app.parallel.reductions import sum_over
 from app.problems.arrays import real_numbers
 from app.problems.shapes import Shape, check_length
 from app.reference.base import require_positive
@@ -161,6 +160,8 @@ class Roller(Shape):
         y, counts, largest = np.abs(grid.y()), np.zeros(grid.ny), np.zeros(grid.ny)
         counts[solution.slabs.rows] = solution.contact.sum(axis=1)
         largest[solution.slabs.rows] = solution.pressure.max(axis=1, initial=0.0)
+        from app.parallel.reductions import sum_over  # results are read without MPI
+
         counts, largest = sum_over(solution.comm, [counts, largest])
         widths, (lower, upper) = counts * grid.dx / 2, np.flatnonzero(counts)[[0, -1]]
         numbers = {

@@ -72,7 +72,7 @@ CASES = {
     "diameter of no punch": ([*HERTZ, "-punch_diameter", "3"], "-punch_diameter: has no effect here; it is: diam"),
     "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "needs a single loading"),
     "negative load without a patch": (
-        ["-problem", "sphere", "-sphere_radius", "1", "-contact_modulus", "9", "-load", "-1"], "it must be at least 0 N"
+        ["-problem", "sphere", "-sphere_radius", "1", "-contact_modulus", "9", "-load", "-1"], "must be at least 0 N"
     ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
     "hardness of another grid": (
