@@ -233,8 +233,8 @@ class Laws:
         solution = self.with_stiffness(self.solve(**{kind: number}))
         if not 0 < solution.stiffness < np.inf:
             raise InputError(
-                f"law: {kind} {format_exact(number)}: the stiffness is {format_exact(solution.stiffness)}, as in full contact of a "
-                "periodic patch; choose a smaller range"
+                f"law: {kind} {format_exact(number)}: the stiffness is {format_exact(solution.stiffness)}, as in full "
+                "contact of a periodic patch; choose a smaller range"
             )
         if flow:
             solution.flow()

@@ -321,7 +321,8 @@ class Material:
             raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
         if not (len(times) == len(moduli) > 0 and all(1 / _LONGEST <= time <= _LONGEST for time in times)):
             raise InputError(
-                f"viscoelastic: must be positive times of {format_exact(1 / _LONGEST)} to {format_exact(_LONGEST)} s, and as many moduli"
+                f"viscoelastic: must be positive times of {format_exact(1 / _LONGEST)} to {format_exact(_LONGEST)} s, "
+                "and as many moduli"
             )
         if not (min(moduli) > 0 and sum(moduli) < 1):
             given = ",".join(map(format_exact, moduli))
