@@ -126,13 +126,14 @@ class SearchedLoading(Loading):
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
             least = 4 * np.spacing(max(abs(low), abs(high)))  # step above rounding
             high = min(max(high, low + least), max_depth)
-            while (short := -relative_error(high)) > 0 and high < max_depth:
+            cells = state.distance.statistics.cells
+            while (short := -relative_error(high)) > 0 and high < max_depth and state.plastic_cells() < cells:
                 # This step is enough if the number is proportional to the depth, or grows faster.
                 growth = max((1 if state.plastic_cells() else 2 * short) * (high - touching), least)
                 low, high = high, min(high + growth, max_depth)
             while relative_error(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
-            # A periodic patch may reach full contact before it carries the load; `high` is the end then.
+            # Full contact of a periodic patch, or a plastic cell everywhere, may come first; `high` is the end then.
             root = high
             if relative_error(high) >= 0:
                 root = _root(relative_error, low, high, rtol * (high - touching))

@@ -53,7 +53,7 @@ class GridErrors(NamedTuple):
 
     load_error: float = float("nan")  # 0 for a prescribed load
     approach_error: float = float("nan")  # error of the approach beyond first touch; 0 if prescribed
-    max_pressure_error: float = float("nan")
+    max_pressure_error: float = float("nan")  # 0 if prescribed
     contact_area_error: float = float("nan")
 
     def add_contact_edge(self, measured, pressure_change, problem):
@@ -77,8 +77,9 @@ class GridErrors(NamedTuple):
         edge = max(1 - measured.contact_fraction_corrected / measured.contact_fraction, 0.0)
         least = edge**2, edge * _unresolved(pressure_change)
         load, approach = (error and max(error, *least) for error in self[:2])
+        pressure = self.max_pressure_error and max(self.max_pressure_error, edge**2)
         is_limited = measured.plastic_area > 0 and measured.max_pressure == np.max(problem.hardness)
-        pressure = 0.0 if is_limited else max(self.max_pressure_error, edge**2)
+        pressure = 0.0 if is_limited else pressure
         is_line = problem.grid.one_way or min(problem.grid.shape) == 1
         scatter = SCATTER_FACTOR * (edge if is_line else np.sqrt(edge / measured.contact_cells))
         return GridErrors(load, approach, pressure, _limit(self.contact_area_error + edge + scatter))
