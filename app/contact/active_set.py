@@ -45,7 +45,7 @@ class ActiveSetIteration:
         if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
             return Outcome(loading.allows_no_contact, NO_CONTACT)
         for k in range(1, self.stop.max_it + 1):
-            correction, its, failure = self.solve(k)  # steps 2 and 3
+            correction, its, failure = self.solve()  # steps 2 and 3
             state.add(correction)
             state.release_tensile()  # Sec. 4.1, (4.a)
             state.compute_displacement()  # u = A p, after the release: any other order oscillates
@@ -65,10 +65,10 @@ class ActiveSetIteration:
                 return Outcome(False, reason, k, residual, to_rounding=rounding)
         return Outcome(False, self.too_many.format(self.stop.max_it), self.stop.max_it, residual)
 
-    def solve(self, k):
-        """Solve for the contact set of iteration k; return correction, iterations and failure."""
+    def solve(self):
+        """Solve for the contact set; return correction, iterations and failure."""
         state = self.state
-        state.before_iteration(k)  # periodic patches only
+        state.leave_full_contact()  # periodic patches only
         self.solver.set_contact()  # Sec. 4.1, 2
         return self.solver.solve(state.defect(), self.stop.allowed(state))  # Sec. 4.1, 3
 

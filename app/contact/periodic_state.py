@@ -20,7 +20,7 @@ class PeriodicState(ContactState):
         super().__init__(*args, **options)
         self.patience = min(_PATIENCE, self.patience)
 
-    def before_iteration(self, k):
+    def leave_full_contact(self):
         """Remove one cell from C if C has all cells. Collective.
 
         If all cells are in C, the system (2.11) has no solution, because A is singular. Below full contact the cell

@@ -298,8 +298,8 @@ class ContactState(Pressed):
         """Reset the numbers of changed cells, before another iteration."""
         self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
 
-    def before_iteration(self, k):
-        """Adapt C of periodic patches before iteration k. Collective."""
+    def leave_full_contact(self):
+        """Remove a cell from C of a periodic patch if C has all cells. Collective."""
 
     def start_from_interpenetration(self):
         """Start from contact where h <= 0, without pressure (step 1)."""

@@ -58,12 +58,12 @@ class ConstrainedIteration(ActiveSetIteration):
         self._progress, self._fewest = HalvingTest(), float("inf")
         self._constrained = self._unproved = False
 
-    def solve(self, k):
+    def solve(self):
         """Solve for the contact set and, under a load, for the approach; see `ActiveSetIteration.solve`."""
         state, solver, by_load = self.state, self.solver, self.loading.load is not None
         self._constrained = by_load and bool(_constrained_cg(solver)) and state.cells_in_contact() > 0
         if not self._constrained:  # with the constraint A is regular in full contact, too
-            state.before_iteration(k)
+            state.leave_full_contact()
         solver.set_contact()  # makes a new KSP after an interrupt
         if cg := _constrained_cg(solver):
             cg.total = _missing_sum(state, self.loading) if self._constrained else None

@@ -17,7 +17,7 @@ def test_one_cell_stays_open_below_full_contact():
     assert state.approach == pytest.approx(problem.gap.mean(), rel=1e-9)
     assert state.approach < problem.gap.mean()
     state.contact[...] = True
-    state.before_iteration(1)
+    state.leave_full_contact()
     assert np.flatnonzero(~state.contact) == problem.gap.argmax()
     energy, cells = operator.energy_of_contact()
     assert cells == problem.grid.n - 1
