@@ -34,6 +34,7 @@ def test_pressure_is_that_of_sweeps(example, lowest, hardness):
 
 def test_load_is_that_of_the_pressure(example):
     problem = ContactProblem(GRID, STEEL, Sphere(100))
-    pressure, _ = example("lower_bound").solve_bounded(problem, -30.0, load=20.0)
-    assert pressure.sum() * GRID.cell_area == pytest.approx(20.0, rel=1e-6)
-    assert pressure.min() == -30.0
+    for loading in ({"load": 20.0}, {"mean_pressure": 20.0 / GRID.area}):
+        pressure, _ = example("lower_bound").solve_bounded(problem, -30.0, **loading)
+        assert pressure.sum() * GRID.cell_area == pytest.approx(20.0, rel=1e-6)
+        assert pressure.min() == -30.0

@@ -34,7 +34,7 @@ def test_files_on_the_page_are_the_examples():
 
 
 def test_python_of_the_document(names):
-    for name in ("smoothed", "waves", "punch", "cone", "ball", "shifted"):
+    for name in ("smoothed", "waves", "punch", "cone", "ball", "shifted", "by_minres"):
         assert names[name].converged, (name, names[name].message)
     exact = Cone.from_load(0.05, names["steel"].contact_modulus, 1e4)
     assert names["cone"].approach == pytest.approx(exact.approach, rel=0.02)
