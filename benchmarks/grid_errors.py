@@ -241,7 +241,8 @@ Each number is an estimated error due to the cell size, divided by the true one.
 values are Hertz's, or are extrapolated from grids of 1024² and 2048² cells; that of the log-crowned roller is 2285.5
 N/mm2. Ratios should be between 0.7 and 10.
 
-- \\*: the number is right by chance on this grid. The true error is the largest on 15/16 and 17/16 of the cells.
+- \\*: the number is right by chance on this grid: it is wrong on grids of 15/16 and 17/16 of the cells, whose
+  largest error counts as the true one.
 - note: the program warns that the contact is few cells wide.
 - (28%), (diverges): the estimated error of a maximum pressure that is infinite, at a sharp end or an apex. The
   program should say at least 25%.

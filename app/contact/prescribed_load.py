@@ -237,8 +237,8 @@ class PrescribedLoad(SearchedLoading):
     def settle(self, state, update):
         """Scale p to the prescribed load, then make the mean gap on contact zero; see `Loading.settle`.
 
-        On a periodic patch a constant is added to high pressures, instead of multiplying by a factor. If p = 0, the
-        load is distributed evenly over C.
+        How p is scaled on periodic patches, and with a hardness, says the state's `set_load`. If p = 0, the load is
+        distributed evenly over C.
         """
         load = state.load
         if load > 0:

@@ -97,7 +97,7 @@ class LayeredStress(SubsurfaceStress):
         return np.concatenate([coating, [t], substrate])
 
     def _at_side(self, depths, side):
-        """Return checked depths; those at the interface belong to `side`."""
+        """Check depths, and move those at the interface to its `side`, the coating or the substrate."""
         t = self.layer.thickness
         if side not in _SIDES:
             raise InputError(f"side {side!r}: allowed: {', '.join(_SIDES)}")
