@@ -7,6 +7,7 @@ import numpy as np
 
 from app.api.arguments import check_parts
 from app.api.creep import CreepPath
+from app.api.shifted_problem import check_kind
 from app.api.wear import WearPath
 from app.base.errors import InputError, call_collectively, is_number, plain_number
 from app.base.usage import usage
@@ -48,6 +49,7 @@ class Histories:
                 "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
             )
         kind, numbers = self._begin_history("creep", loadings, "surface_compliance")
+        check_kind(kind, "creep")
         return CreepPath(self, times, kind, numbers, stiffness, progress)
 
     @usage(f"solver.wear(coefficient=1e-9, distance=4000, steps=80, {USAGE}")

@@ -38,7 +38,8 @@ class SearchedLoading(Loading):
         Derivative of the number with respect to the depth, from the last search.
     """
 
-    approach_is_known, allows_no_contact, exponent, result_rtol = False, False, 1.0, 1e-5
+    approach_is_known = allows_no_contact = is_geometric = False
+    exponent, result_rtol = 1.0, 1e-5
 
     def __init__(self, target):
         self.target, self.slope = float(target), 0.0

@@ -39,6 +39,8 @@ class Loading:
         Quantities of `app.base.quantities.ESTIMATED` that the number fixes, so that they have no grid error.
     least : float
         Least number on any patch.
+    is_geometric : bool
+        True if contact set and gaps determine the number: then background pressure and creep do not change it.
     falls : bool
         True if the number falls when the load grows.
     result_rtol : float
@@ -54,7 +56,7 @@ class Loading:
     """
 
     name = kind = unit = meaning = ""
-    exact, least, falls, result_rtol = (), -np.inf, False, 1e-9
+    exact, least, is_geometric, falls, result_rtol = (), -np.inf, True, False, 1e-9
     load, approach_is_known, allows_no_contact, shared_state = None, True, True, None
 
     @classmethod

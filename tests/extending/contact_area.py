@@ -12,6 +12,7 @@ class PrescribedContactArea(SearchedLoading):
 
     name = kind = "contact_area"
     unit, meaning = "mm2", "area in contact"
+    is_geometric = True  # also with a background pressure and in creep
     result_rtol = 0.1  # several cells come into contact at once
 
     @classmethod

@@ -3,7 +3,7 @@
 import pytest
 from recorded import ball
 
-from app import solve
+from app import ContactSolver, InputError, Material, solve
 from app.contact.approach_search import SearchedLoading
 from app.contact.loading_input import LOADINGS
 
@@ -44,3 +44,14 @@ def test_search_ends_when_all_cells_are_plastic():
         solution = solve(problem, max_pressure=2000)
     assert not solution.converged and solution.max_pressure == 1000
     assert solution.load == pytest.approx(1000 * problem.grid.area)
+
+
+def test_number_that_depends_on_the_pressure_is_refused_if_another_one_is_solved_for():
+    with pytest.raises(InputError, match="max_pressure: not with a background pressure; use"):
+        solve(ball(32, background_pressure=20.0), max_pressure=2000)
+    rubber = Material.pair((10, 2e5), (0.5, 0.3)).viscoelastic(times=(0.1,), moduli=(0.3,))
+    with (
+        ContactSolver(ball(32, rubber)) as solver,
+        pytest.raises(InputError, match="max_pressure: not with creep"),
+    ):
+        solver.creep([0, 1], max_pressure=1.0)
