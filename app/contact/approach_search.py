@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from app.base.errors import InputError
 from app.contact.loading import Loading, PrescribedApproach
 
 _MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
@@ -44,6 +45,12 @@ class SearchedLoading(Loading):
     def __init__(self, target):
         self.target, self.slope = float(target), 0.0
         self._depths = []  # final depths of the grids solved so far [mm]
+
+    @classmethod
+    def check_grid(cls, grid):
+        """Raise InputError for a patch periodic in x and y, whose method needs an approach or a load."""
+        if grid.doubly_periodic:
+            raise InputError(f"{cls.name}: not on a patch periodic in x and y; use approach or load")
 
     def measure(self, state):
         """Return the number of a solved state. Collective."""

@@ -252,7 +252,6 @@ class PrescribedMeanGap(PrescribedApproach):
         On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach. The mean gap
         must not be negative unless a hardness lets plastic cells overlap.
         """
-        cls.check_grid(grid)
         text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
         if holes := grid.n - distance.statistics.cells:
             doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"

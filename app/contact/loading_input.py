@@ -37,7 +37,9 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
     is given, or the number is not allowed.
     """
     name, number = single_loading(given)
-    return LOADINGS[name].create(validate_number(name, number), grid, distance, uniform_compliance)
+    number = validate_number(name, number)
+    LOADINGS[name].check_grid(grid)
+    return LOADINGS[name].create(number, grid, distance, uniform_compliance)
 
 
 def validate_number(name, number):

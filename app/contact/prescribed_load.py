@@ -53,6 +53,10 @@ class PrescribedLoad(SearchedLoading):
         self._before = None  # depth [mm] and expected load [N] before the last move of the approach
 
     @classmethod
+    def check_grid(cls, grid):
+        """Allow all patches."""
+
+    @classmethod
     def create(cls, value, grid, distance, uniform_compliance=0.0):
         """Return the loading; see `Loading.create`. Without load it is the approach of first touch."""
         if not value:  # the approach is not unique

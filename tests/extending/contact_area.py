@@ -18,19 +18,12 @@ class PrescribedContactArea(SearchedLoading):
     @classmethod
     def create(cls, value, grid, distance, uniform_compliance=0.0):
         """Return the loading; the area is that of one cell at least, and less than that of all cells."""
-        cls.check_grid(grid)
         least, most = grid.cell_area, distance.statistics.cells * grid.cell_area
         if not least <= value < most:
             raise InputError(
                 f"contact_area {value:g}: must be from {least:g} mm2, a cell, to below {most:g} mm2"
             )
         return cls(value)
-
-    @classmethod
-    def check_grid(cls, grid):
-        """Raise InputError for a patch periodic in x and y, whose method needs an approach or a load."""
-        if grid.doubly_periodic:
-            raise InputError("contact_area: not on a patch periodic in x and y; use approach or load")
 
     def measure(self, state):
         """Return the area of the cells in contact [mm2]. Collective."""

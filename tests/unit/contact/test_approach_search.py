@@ -46,6 +46,11 @@ def test_search_ends_when_all_cells_are_plastic():
     assert solution.load == pytest.approx(1000 * problem.grid.area)
 
 
+def test_search_is_refused_on_a_periodic_patch():
+    with pytest.raises(InputError, match="max_pressure: not on a patch periodic in x and y"):
+        solve(ball(32, periodic=True), max_pressure=2000)
+
+
 def test_number_that_depends_on_the_pressure_is_refused_if_another_one_is_solved_for():
     with pytest.raises(InputError, match="max_pressure: not with a background pressure; use"):
         solve(ball(32, background_pressure=20.0), max_pressure=2000)
