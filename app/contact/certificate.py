@@ -104,13 +104,15 @@ class Certificate:
     smallest_pressure: float  # least p or H - p, at most 0; p in inadmissible cells is negative [N/mm2]
     complementarity: float  # max |p e|, or max (H - p) |e| in plastic cells, over max p * max |h|
 
-    def under(self, prescribed, load):
+    def under(self, prescribed, load, moment_error=0.0):
         """Return the certificate, given the prescribed and the actual load [N].
 
         If they differ, the proof holds for the approach only, so the bound becomes infinite. Without a
-        prescribed load (None) the certificate does not change.
+        prescribed load (None) the certificate does not change. `moment_error` is the relative error of prescribed
+        moments.
         """
-        if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD_RTOL):
+        met = prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD_RTOL)
+        if met and moment_error <= _LOAD_RTOL:
             return self
         return replace(self, error_bound=np.inf)
 
@@ -135,7 +137,7 @@ def estimate(state, wanted=np.inf, work=None):
     `wanted` and the result are as in `certify`; `work` is a field of work space. The certificate is cached until the
     pressure, the depth or the accuracy of u changes.
     """
-    key = state.pressure.stateGet(), state.depth, state.displacement_status
+    key = state.pressure.stateGet(), state.depth, state.distance.tilt, state.displacement_status
     cached_key, certificate = _certificates.get(state, (None, None))
     if key != cached_key:
         with _event:

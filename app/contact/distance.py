@@ -8,11 +8,13 @@ import numpy as np
 
 from app.contact import kernels
 from app.contact.bounds import PressureBounds
+from app.contact.tilt import NO_TILT
 from app.halfspace.operator import wrap_vec
 from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
 
 _ROUNDING_ULPS = 4  # rounding error of an approach, in units in the last place
+_ANGLE_ROUNDING = 1e-9  # relative, of half a turn
 _MEAN_GAP_ROUNDING = 1e-15  # least mean gap below full contact, over the mean distance
 _MIN_SEARCHED_GAP = 1e-10  # least mean gap in the search for a load, over the mean distance
 
@@ -31,7 +33,8 @@ class UndeformedDistance:
 
     The approach is a reference plus the *depth*, the approach beyond the reference. So large constants cost no digits.
     The depth belongs to the `ContactState`. To move the bodies, only the depth is changed, never the stored shape, so
-    that no rounding errors add up. The right-hand side on C is ``-h = b + depth``.
+    that no rounding errors add up. A tilt computes `b` anew from the stored shape. The right-hand side on C is ``-h = b
+    + depth``.
 
     Parameters
     ----------
@@ -49,11 +52,13 @@ class UndeformedDistance:
     Attributes
     ----------
     b : ndarray, shape (local rows, nx), [mm]
-        -h at depth 0, read-only; 0 in inadmissible cells.
+        -h at depth 0 and the present tilt, read-only; 0 in inadmissible cells.
     rhs : Vec
         The field `b` as a Vec.
+    tilt : Tilt
+        Present tilt of the bodies; the depth is that at its pivot.
     touching : float or None
-        Depth at which the first cells touch [mm]; None in a window.
+        Depth at which the first cells touch [mm]; None in a window, or if the tilt changed in the iteration.
     full_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
     max_depth : float
@@ -75,6 +80,7 @@ class UndeformedDistance:
     """
 
     max_depth = full_depth = plastic_depth = np.inf
+    tilt, _untilted = NO_TILT, None  # `b` without tilt, once `tilt_levels` is called
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
         b, admissible = np.empty(shape.shape), np.empty(shape.shape, bool)
@@ -104,23 +110,41 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
+        part.tilt = whole.tilt
+        if whole._untilted is not None:
+            part._untilted = scatter.forward(whole._untilted)
         part.touching, part.zero_load_depth = None, whole.zero_load_depth
         part.reference = whole.reference
         return part
 
     def _set(self, b, operator, bounds):
         self.bounds, self.admissible = bounds, bounds.admissible
+        self._values, self._cells = b, (operator.grid, operator.slabs.rows)
         self.b = b.view()  # outlives the Vec: solutions refer to it
         self.b.flags.writeable = False
         self.rhs = wrap_vec(b, operator)
 
-    def h_at(self, depth):
-        """Return the undeformed distance at a depth [mm]; NaN in inadmissible cells."""
-        return np.where(self.admissible, -(self.b + depth), np.nan)
+    def h_at(self, depth, tilt=NO_TILT):
+        """Return the undeformed distance at a depth and a tilt [mm]; NaN in inadmissible cells."""
+        b = self.b if self._untilted is None else self._untilted + self.rise(tilt)
+        return np.where(self.admissible, -(b + depth), np.nan)
+
+    def rise(self, tilt=None):
+        """Return what a tilt, by default the present one, adds to the depth of the local cells [mm]."""
+        grid, rows = self._cells
+        return (tilt or self.tilt).rise(grid.x(), grid.y(rows)[:, None])
+
+    def tilt_to(self, tilt):
+        """Turn the bodies to a `Tilt`; `tilt_levels` must have prepared the distance, unless nothing changes."""
+        if tilt == self.tilt:
+            return
+        np.add(self._untilted, self.rise(tilt), out=self._values, where=self.admissible)
+        self.rhs.stateIncrease()
+        self.tilt, self.touching = tilt, None
 
     def approach_at(self, depth):
         """Return the approach at a depth [mm]; 0 if below rounding error."""
-        approach = float(self.reference + depth)
+        approach = float(self.reference + depth + self.tilt.rise(0.0, 0.0))
         rounding = _ROUNDING_ULPS * ulp(max(abs(self.reference), abs(depth)))
         return approach if abs(approach) > rounding else 0.0
 
@@ -152,8 +176,28 @@ class UndeformedDistance:
         """True if h is constant up to rounding."""
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
+    def surrounds(self, place, comm):
+        """Return whether there are admissible cells on all sides of a place (x, y). Collective over `comm`.
+
+        The first and last admissible cells of all rows have the same convex hull as all admissible cells.
+        """
+        grid, rows = self._cells
+        ends = np.zeros((3, grid.ny))  # of each row: first and last cell, and whether there is any
+        if len(self.admissible):
+            last = grid.nx - 1 - self.admissible[:, ::-1].argmax(axis=1)
+            ends[:, rows] = self.admissible.argmax(axis=1), last, self.admissible.any(axis=1)
+        first, last, some = np.asarray(sum_over(comm, ends)).astype(int)
+        x = grid.x()[np.append(first[some > 0], last[some > 0])] - place[0]
+        y = np.tile(grid.y()[some > 0], 2) - place[1]
+        angles = np.sort(np.arctan2(y, x)[(x != 0) | (y != 0)])
+        widest = np.diff(np.append(angles, angles[:1] + 2 * np.pi)).max(initial=0.0)
+        return 0 < widest < np.pi * (1 - _ANGLE_ROUNDING)
+
     def norm(self, depth):
-        """Return ||h||_2 over admissible cells at a depth [mm]; 1 if zero."""
+        """Return ||h||_2 over admissible cells at a depth [mm]; 1 if zero.
+
+        The slopes are those that the last call of `tilt_levels` prescribed.
+        """
         cells, mean, squares, _ = self.statistics
         return sqrt(squares + cells * (mean - depth) ** 2) or 1.0
 
@@ -169,6 +213,22 @@ class UndeformedDistance:
     def destroy(self):
         """Free the vector `rhs`. Collective."""
         self.rhs.destroy()
+
+
+def tilt_levels(levels, tilt, comm):
+    """Turn the bodies on all levels to a `Tilt`, and measure the distances again.
+
+    Collective over `comm`, which has all ranks. Afterwards `UndeformedDistance.tilt_to` can turn them further. If the
+    tilt is None, the bodies are not turned.
+    """
+    if levels[0]._untilted is None:
+        if tilt is None:
+            return
+        for distance in levels:
+            distance._untilted = distance.b.copy()
+    for distance in levels:
+        distance.tilt_to(tilt or NO_TILT)
+    _measure(levels, comm)
 
 
 def _measure(levels, comm):

@@ -3,6 +3,7 @@
 import itertools
 
 from app.contact.grid_errors import UNKNOWN, compute_grid_numbers, estimate_errors
+from app.contact.tilt import NO_TILT
 from app.multigrid.direct import can_start_on
 
 
@@ -21,8 +22,8 @@ class GridSequence:
         True on the target grid, which is the last one.
     outcome : Outcome or None
         Outcome of the grid solved last, with the fallbacks of all grids.
-    depth : float
-        Final depth on this grid [mm].
+    depth, tilt : float, Tilt
+        Final depth [mm] and tilt on this grid.
     grid_numbers : list of GridNumbers
         Numbers of the coarser grids, from coarse to fine, if the method appends them.
     """
@@ -32,6 +33,7 @@ class GridSequence:
         self._last = len(hierarchy.levels) - 1
         self._route = [self._last] if only_target else _route(hierarchy, distances, loading, nested)
         self.outcome, self.depth, self.grid_numbers, self.at_target = None, 0.0, [], False
+        self.tilt = distances[-1].tilt
 
     def __iter__(self):
         for number, following in itertools.pairwise([*self._route, self._last]):
@@ -42,9 +44,9 @@ class GridSequence:
         """Return the current grid's stopping test, from the target's, `stop`."""
         return stop if self.at_target else stop.for_coarse_grid()
 
-    def record(self, outcome, depth):
-        """Record the outcome and the final depth [mm] of a grid."""
-        self.depth = depth
+    def record(self, outcome, depth, tilt=NO_TILT):
+        """Record the outcome, and the final depth [mm] and tilt of a grid."""
+        self.depth, self.tilt = depth, tilt
         coarser = self.outcome.fallbacks if self.outcome else 0
         self.outcome = outcome._replace(fallbacks=coarser + outcome.fallbacks)
         self._loading.record(depth)
@@ -63,9 +65,18 @@ class GridSequence:
         may be any object.
         """
         if self.hierarchy.gains_ranks(operator, self.following) and (comm := self.waiting_ranks(operator)):
-            results = self.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
+            results = (
+                self.depth,
+                self.tilt,
+                self._loading.shared_state,
+                self.outcome,
+                self.grid_numbers,
+                extra,
+            )
             results = comm.bcast_or_raise(results)
-            self.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra = results
+            self.depth, self.tilt, self._loading.shared_state, self.outcome, self.grid_numbers, extra = (
+                results
+            )
         return extra
 
     def result(self, state, difference=float("nan"), least=0.0, numbers=None):

@@ -19,6 +19,7 @@ from math import ulp
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.contact.tilt import NO_TILT
 
 _FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of full contact
 _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
@@ -51,6 +52,12 @@ class Loading:
         True if the loading alone determines the approach on every grid.
     allows_no_contact : bool
         True if bodies that do not touch can be the solution.
+    tilt : Tilt
+        Prescribed tilt, or the present one if the loading finds it.
+    tilts : bool
+        True if the loading finds the tilt.
+    support : Springs or None
+        Springs that carry the missing load, used by the safeguard only.
     shared_state : any
         Results of coarser grids, for the ranks that join on a finer one.
     """
@@ -58,6 +65,7 @@ class Loading:
     name = kind = unit = meaning = ""
     exact, least, is_geometric, falls, result_rtol = (), -np.inf, True, False, 1e-9
     load, approach_is_known, allows_no_contact, shared_state = None, True, True, None
+    tilt, tilts, support = NO_TILT, False, None
 
     @classmethod
     def create(cls, value, grid, distance, uniform_compliance=0.0):
@@ -67,6 +75,11 @@ class Loading:
     @classmethod
     def check_grid(cls, grid):
         """Raise InputError for a patch on which the number cannot be prescribed."""
+
+    @property
+    def is_tilted(self):
+        """True if the loading prescribes a tilt, or finds one."""
+        return self.tilts or self.tilt != NO_TILT
 
     @staticmethod
     def part_of_indentation(depth):
@@ -128,6 +141,10 @@ class Loading:
     def predict(self, depth):
         """Predict the next finer grid's depth from this grid's depth [mm]."""
         return depth
+
+    def moment_error(self, state):
+        """Return the relative error of prescribed moments. Collective."""
+        return 0.0
 
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""

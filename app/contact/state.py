@@ -192,7 +192,9 @@ class Pressed:
         return minimum_over(self.comm, values)
 
     def first_touch(self):
-        """Return the depth of first touch [mm]. Collective."""
+        """Return the depth of first touch of these cells [mm]. Collective."""
+        if self.distance.touching is None:
+            return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
         return self.distance.touching
 
     def in_contact(self):

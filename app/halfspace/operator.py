@@ -112,6 +112,7 @@ class InfluenceOperator(MatMethods):
         self.products = self.sweeps = 0
         self._spent = 0.0  # work of freed objects, in products
         self.contact_version = 0
+        self._support = None  # springs, whose displacement products add
         self._energy = None, None  # key of a contact set; its energy under unit pressure, and number of cells
 
     # -- products, made on first use -----------------------------------------------------------------------
@@ -285,11 +286,22 @@ class InfluenceOperator(MatMethods):
             self.multipliers.clear()
         self._spent += before - self.equivalent_products
 
+    @contextmanager
+    def supported(self, support):
+        """Add the displacement of springs to products in a ``with`` block; see `app.contact.tilted_load.Springs`."""
+        self._support = support
+        try:
+            yield
+        finally:
+            self._support = None
+
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):
         """Compute u = A p on all cells. Collective."""
         apply_logged(_mult_event, self.product, p, u)
+        if self._support is not None:
+            self._support.add_displacement(p, u)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision. Collective."""
@@ -315,6 +327,9 @@ class InfluenceOperator(MatMethods):
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
             # Sec. 4.2, 2
             apply_logged(_mult_event, self.product, p, out, self.mask)
+            if self._support is not None:
+                self._support.add_displacement(p, out)
+                out *= self.mask
             if (a, s) != (1.0, 0.0):
                 out *= a
                 out += s * p

@@ -45,8 +45,8 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
     with operator.double_precision():
         solver = LinearSolver(hierarchy, number, operator=operator)
 
-        def solve(_, stop):  # the state has the approach
-            return ProjectedNewton(state, solver, stop).run(history)
+        def solve(loading, stop):  # the state has the approach
+            return ProjectedNewton(state, solver, stop, loading.support).run(history)
 
         try:
             step = state.on_contact_or_overlap().rms
@@ -66,6 +66,9 @@ class ProjectedNewton:
     solver : LinearSolver
         Linear solver of the same operator, in double precision.
     stop : InexactStop
+    support : Springs, optional
+        Springs that hold the bodies (`app.contact.tilted_load`): the position depends on the pressure, and A has their
+        compliance, too.
 
     Attributes
     ----------
@@ -73,8 +76,8 @@ class ProjectedNewton:
         h + A p.
     """
 
-    def __init__(self, state, solver, stop):
-        self.state, self.solver, self.stop = state, solver, stop
+    def __init__(self, state, solver, stop, support=None):
+        self.state, self.solver, self.stop, self._support = state, solver, stop, support
 
     def run(self, history):
         """Solve the contact problem (2.8)-(2.10); return the Outcome."""
@@ -115,7 +118,9 @@ class ProjectedNewton:
         return Outcome(False, TOO_FEW.format(self.stop.max_it), self.stop.max_it, residual)
 
     def _displace(self, p):
-        """Return displacement A p and gap h + A p."""
+        """Return displacement A p and gap h + A p, in the position that p gives."""
+        if self._support is not None:
+            self._support.follow(p)
         u = np.empty(p.shape)
         self.state.operator.displacement(p, u)
         return u, u - (self.state.distance.b + self.state.depth)
@@ -129,7 +134,8 @@ class ProjectedNewton:
         state.contact[...] = state.bounds.contact(state.p, self.gap, self._excluded_pressure())
         to_bound = self._leave_full_contact()
         solver.set_contact()
-        direction, its, failure = solver.solve(state.defect(), self.stop.allowed(state))
+        with state.operator.supported(self._support):
+            direction, its, failure = solver.solve(state.defect(), self.stop.allowed(state))
         return direction.getArray(readonly=True).reshape(self.gap.shape) + to_bound, its, failure
 
     def _descend(self, direction, descent):
@@ -148,6 +154,8 @@ class ProjectedNewton:
                 break
             alpha *= 0.5
         else:
+            if self._support is not None:
+                self._support.follow(state.p)
             return False
         np.add(state.p, change, out=state.values)
         state.project()  # rounding

@@ -59,6 +59,7 @@ class Strategy:
 
     target_only = False  # True: needs no coarser grid
     finds_approach = True  # False: solves by approach only, not by load
+    can_tilt = False
 
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
@@ -108,7 +109,7 @@ class Strategy:
         except PETSc.Error as error:
             files = estimate_files(self._settings.texts, 0)
             raise to_input_error(error, files) from error.__cause__
-        if move_to_lower_end(state, loading.load):
+        if move_to_lower_end(state, None if loading.tilts else loading.load):
             outcome = outcome._replace(converged=True, reason=CONTACT_PLASTIC, residual=0.0)
         if (
             not outcome.converged
@@ -175,6 +176,10 @@ class Strategy:
         """
         if not (loading.approach_is_known or self.finds_approach):
             raise InputError(f"-lcp_type {self._settings.type}: needs a prescribed approach, not a load")
+        if loading.is_tilted and not self.can_tilt:
+            raise InputError(
+                f"-lcp_type {self._settings.type}: bodies cannot tilt; -lcp_type fast can tilt them"
+            )
         if self._settings.single:
             pressure = loading.largest_pressure(self._distances[-1], self._hierarchy.target.grid, largest)
             check_single("pressures", pressure, "N/mm2")
@@ -253,6 +258,8 @@ class Inexact(Strategy):
 class Fast(Inexact):
     """Strategy ``fast``, default on free patches: TrackingCG in windows."""
 
+    can_tilt = True
+
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
         operator = hierarchy.levels[hierarchy.finest_unwindowed]
@@ -283,7 +290,7 @@ class Fast(Inexact):
 
     def _solve(self, loading, history, start):
         hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
-        if start is not None:
+        if start is not None and not loading.tilts:
             hierarchy.target.prepare("exact_product")
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
             return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)

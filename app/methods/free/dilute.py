@@ -137,9 +137,9 @@ class DiluteContact:
     def suit(self, number, loading):
         """Return whether lists are possible from level `number` on.
 
-        They are for a prescribed approach or load, without a hardness and without holes.
+        They are for a prescribed approach or load, without a tilt, a hardness and holes.
         """
-        if not (loading.approach_is_known or loading.load):
+        if loading.is_tilted or not (loading.approach_is_known or loading.load):
             return False
         finer = self._distances[number:]
         whole = all(distance.statistics.cells == distance.patch.n for distance in finer)

@@ -57,6 +57,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
                 return state, grids.result(state, difference, least_difference, numbers)
             lists = None
             hierarchy.target.prepare("exact_product")
+        distances[number].tilt_to(grids.tilt)
         level = WindowedLevel(hierarchy, cache, number, distances[number], coarse if nested else None, boxes)
         state, first, target = level.state, coarse is None, grids.at_target
         if not first:
@@ -72,7 +73,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
             test = grids.stopping_test(stop)
             with propagate_errors(grids.waiting_ranks(state.operator)):
                 outcome = solve_level(hierarchy, number, state, loading, test, history, first, cache)
-            grids.record(outcome, state.depth)
+            grids.record(outcome, state.depth, state.distance.tilt)
             if not target:
                 boxes = level.boxes_for_next(coarse_minimum, loading.predict(state.depth))
                 if nested:
@@ -85,6 +86,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
         level.close()
         if target and level.windowed:
             coarse = None  # the arrays of the window are freed
+            distances[number].tilt_to(grids.tilt)
             state, complete = level.expand_to_grid(grids.depth, grids.outcome.converged)
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
@@ -98,6 +100,9 @@ def solve_level(hierarchy, number, state, loading, stop, history, first, cache):
     Collective over the ranks of `state`. `first` is true on the coarsest grid, which is solved directly if it is small.
     """
     operator = state.operator
+    if first and loading.tilts:  # the position is unknown
+        outcome = solve_safeguarded(hierarchy, number, state, loading, stop, history)
+        return outcome._replace(fallbacks=0)
     if first and starts_directly(hierarchy, number):
         test = StoppingTest(max_it=stop.max_it).for_coarse_grid()
         solve = partial(active_set, state, cache.direct(number, operator), stop=test, history=history)

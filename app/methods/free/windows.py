@@ -56,10 +56,6 @@ class WindowState(ContactState):
         super().compute_displacement(exact)
         self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
-    def first_touch(self):
-        """Return the depth of first touch in the window [mm]. Collective."""
-        return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
-
     def scale(self, factor):
         """Multiply p and u by a factor, and record it in `scaled`."""
         super().scale(factor)
@@ -167,7 +163,7 @@ class WindowedLevel:
             predicted = self._predicted.refine(self.transfer.factors, self._level.grid)
         elif coarse_minimum is not None and self._number == finest_unwindowed:
             with np.errstate(invalid="ignore"):
-                masks.append(coarse_minimum - depth + state.u <= 0)
+                masks.append(coarse_minimum - state.distance.rise() - depth + state.u <= 0)
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
         return Boxes(self._window, contact, others[0] if others else predicted)
 
