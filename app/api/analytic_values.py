@@ -13,19 +13,19 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 )  # fmt: skip
 
 
-def analytic_values(problem, measures, approach, load=None):
+def analytic_values(problem, measures, approach, loading):
     """Return values of the problem's analytic solution, named ``analytic_NAME``.
 
-    The values are for the approach [mm], or for the load [N] if given. The dict is empty if there is no analytic
-    solution or no load, or if there are plastic cells.
+    The values are for the approach [mm], or for the load if it is prescribed. The dict is empty if there is no analytic
+    solution or no load, if there are plastic cells, or if the bodies are tilted.
     """
-    if not measures.load > 0 or measures.plastic_area:
+    if not measures.load > 0 or measures.plastic_area or loading.is_tilted:
         return {}
     reference = problem.reference(approach)
     if not isinstance(reference, NormalContact) or reference.a == 0:
         return {}
-    if load is not None:
-        reference = reference.at_load(load)
+    if loading.load is not None:
+        reference = reference.at_load(loading.load)
     axes = {
         "semi_axis_major": max(reference.a, reference.b),
         "semi_axis_minor": min(reference.a, reference.b),

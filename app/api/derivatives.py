@@ -32,6 +32,7 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.mpi import MPI
 from app.base.petsc import synchronized
 from app.contact.periodic_state import contact_state
+from app.contact.tilt import linear_sums
 from app.multigrid.linear_solver import LinearSolver
 from app.options.solver_options import temporary_options
 from app.parallel.reductions import sum_over
@@ -124,7 +125,7 @@ class Derivatives:
         return self._stiffness_of(find_elastic_cells(solution))
 
     @synchronized
-    def with_stiffness(self, solution):
+    def with_stiffness(self, solution, tilts=False):
         """Return a solution with its stiffness and conductance.
 
         This takes one more linear solve, or two if there are plastic cells.
@@ -133,6 +134,8 @@ class Derivatives:
         ----------
         solution : Solution
             Solution of this problem, grid and communicator.
+        tilts : bool
+            Compute `tilt_stiffness`, too, by three more linear solves.
 
         Returns
         -------
@@ -142,6 +145,8 @@ class Derivatives:
             `Material.conducting`. With a coating or a surface compliance only the stiffness is known.
         """
         self._check_solution(solution)
+        if tilts:
+            solution = replace(solution, tilt_stiffness=self._tilt_stiffness_of(find_elastic_cells(solution)))
         if solution.stiffness is not None:
             return solution
         elastic = find_elastic_cells(solution)
@@ -257,6 +262,18 @@ class Derivatives:
         with self._system(cells, RTOL) as solve:
             stiffness = float(grid.cell_area * self._sum(solve(1.0)))
         return stiffness / (1 + uniform * stiffness)
+
+    def _tilt_stiffness_of(self, cells):
+        """Return the stiffness matrix of a set of contact cells, shape (3, 3). Collective."""
+        grid, slabs = self.hierarchy.target.grid, self.hierarchy.slabs
+        if any(grid.repeats):
+            raise InputError("tilt_stiffness: bodies on a patch that repeats cannot tilt")
+        x, y = grid.x(), grid.y(slabs.rows)
+        with self._system(cells, RTOL) as solve:
+            fields = [np.broadcast_to(field, cells.shape) for field in (1.0, x, y[:, None])]
+            sums = np.stack([linear_sums(solve(field), x, y)[0] for field in fields])
+        stiffness = grid.cell_area * np.asarray(sum_over(self.hierarchy.target.comm, sums))
+        return (stiffness + stiffness.T) / 2
 
     def _sum(self, field):
         """Return a field's sum over all cells. Collective."""

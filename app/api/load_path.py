@@ -38,9 +38,9 @@ from app.problems.roller import NUMBERS as ROLLER_NUMBERS
 
 # Columns of the table that are numbers of a Solution.
 COLUMNS = (
-    "load", "approach", "indentation", "mean_pressure", "mean_gap", "contact_area", "contact_fraction",
-    "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure", *ContactMoments._fields,
-    *GridErrors._fields, "error_bound", "residual", "iterations", "fallbacks",
+    "load", "approach", "indentation", "tilt_x", "tilt_y", "mean_pressure", "mean_gap", "contact_area",
+    "contact_fraction", "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure",
+    *ContactMoments._fields, *GridErrors._fields, "error_bound", "residual", "iterations", "fallbacks",
 )  # fmt: skip
 
 
@@ -66,6 +66,8 @@ class LoadPath:
         last one of the path.
     progress : bool
         Show a progress bar on rank 0.
+    tilting : dict, optional
+        Load centre, moment or tilt of all steps, see `app.contact.tilting_input.TILTING`.
 
     Attributes
     ----------
@@ -93,15 +95,17 @@ class LoadPath:
 
     can_resume = True  # False if a step depends on more than the numbers of the steps before
 
-    def __init__(self, solver, kind, numbers, stiffness=False, rows=(), progress=False, flow=False):
+    def __init__(
+        self, solver, kind, numbers, stiffness=False, rows=(), progress=False, flow=False, tilting=None
+    ):
         self._solver, self._kind, self._with_stiffness, self._with_flow = solver, kind, stiffness, flow
-        self._progress = progress
+        self._progress, self._tilting = progress, tilting or {}
         self._problem = solver.problem
         self._rank = solver.comm.rank  # the table may be saved after the solver is closed
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
         check_equal_on_ranks(solver.comm, (self.numbers, stiffness, flow), "path")
         for number in self.numbers:
-            solver.check(**{kind: number})
+            solver.check(**{kind: number}, **self._tilting)
         self.resume_after(rows)
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
@@ -181,7 +185,7 @@ class LoadPath:
 
     def _solve_counted(self, number):
         """Solve for one prescribed number; count the work. Collective."""
-        solution = self._solver.solve(**{self._kind: number})
+        solution = self._solver.solve(**{self._kind: number}, **self._tilting)
         if self._with_stiffness:
             solution = self._solver.with_stiffness(solution)
         if self._with_flow:

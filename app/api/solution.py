@@ -51,6 +51,9 @@ class Solution(_Numbers, ContactFields):
         Prescribed quantity: load (also as mean pressure), approach or mean_gap.
     load, approach, indentation : float
         Load [N], approach [mm], and approach beyond first touch [mm].
+    tilt_x, tilt_y : float
+        Slopes by which the bodies are turned: h = shape - approach - x tilt_x - y tilt_y. The `approach` is at the
+        origin of x and y.
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
     contact_area, mean_contact_pressure : float
@@ -111,6 +114,9 @@ class Solution(_Numbers, ContactFields):
         Diameter of the circular contact with the same conductance [mm].
     electrical_conductance, thermal_conductance : float or None
         Conductance of the contact [S] and [W/K]; only for a material with the constants of `Material.conducting`.
+    tilt_stiffness : ndarray of float64, shape (3, 3), or None
+        Derivatives of the load and of the integrals of p x and p y with respect to the approach, tilt_x and tilt_y
+        [N/mm, N, N mm]; symmetric. None unless requested by ``ContactSolver.with_stiffness(solution, tilts=True)``.
     plastic : ndarray of bool, or None
         Cells at the hardness; None without a hardness.
     indentation_before : ndarray of float64, or None
@@ -130,6 +136,8 @@ class Solution(_Numbers, ContactFields):
     prescribed: str
     approach: float
     indentation: float
+    tilt_x: float
+    tilt_y: float
     residual: float
     iterations: int
     inner_iterations: int
@@ -158,6 +166,7 @@ class Solution(_Numbers, ContactFields):
     conductance_width: float | None = None
     electrical_conductance: float | None = None
     thermal_conductance: float | None = None
+    tilt_stiffness: np.ndarray | None = None
     plastic: np.ndarray | None = None
     indentation_before: np.ndarray | None = None
     extra: dict = field(default_factory=dict)
@@ -253,6 +262,7 @@ class Solution(_Numbers, ContactFields):
             **self.problem,
             **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
             **self.requested_numbers,
+            **({} if self.tilt_stiffness is None else {"tilt_stiffness": self.tilt_stiffness.ravel()}),
             **vars(self.certificate),
             **vars(self.traffic),
             "cell_size": [self.grid.dx, self.grid.dy],

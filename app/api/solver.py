@@ -38,7 +38,8 @@ from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
-from app.contact.loading_input import USAGE, make_loading, single_loading
+from app.contact.loading_input import USAGE
+from app.contact.tilting_input import create_loading, single_path
 from app.methods.strategy import STRATEGIES, allows_lists, check_single, make_strategy
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
@@ -68,6 +69,8 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
         Load over the area of the patch [N/mm2].
     mean_gap : float, optional
         Mean gap of a periodic patch without holes [mm]; with a hardness the mean of e = h + u.
+    load_centre : (float, float), optional
+        Centre of a load [mm], under which the bodies tilt; or `moment` or `tilt`, see docs/tilt.md.
 
     Returns
     -------
@@ -323,7 +326,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         progress : bool
             Show a progress bar (tqdm) on rank 0.
         **loadings : sequence of float
-            Prescribed quantity, see `app.solve`. Give exactly one.
+            Prescribed quantity, see `app.solve`. Give exactly one. `load_centre` and so on hold for all steps.
 
         Returns
         -------
@@ -336,8 +339,8 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             If a number is not allowed.
         """
         self._check_open()
-        kind, numbers = call_collectively(self.comm, single_loading, loadings, "path: ")
-        return LoadPath(self, kind, numbers, stiffness, rows, progress, flow)
+        kind, numbers, tilting = call_collectively(self.comm, single_path, loadings)
+        return LoadPath(self, kind, numbers, stiffness, rows, progress, flow, tilting)
 
     @synchronized
     def check(self, **loading):
@@ -372,7 +375,8 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
     def _make_loading(self, values):
         if self._shift:
             values = self._shift.net_loading(values, self._distances[-1].bounds.largest_load)
-        loading = make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
+        uniform = self._uniform_compliance
+        loading = create_loading(self._distances, uniform, self.comm, values, not self._shift)
         if self._shift and values.get("approach") is not None:
             loading.approach -= self._shift.uniform
         return loading
@@ -384,22 +388,22 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         if measured.contact_cells and not measured.max_pressure:
             state.contact[...] = False  # bodies that just touch have no contact area
             measured = measures.measure_contact(state)
-        proof = proof.under(loading.load, measured.load)
+        proof = proof.under(loading.load, measured.load, loading.moment_error(state))
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         errors = outcome.grid_errors.add_contact_edge(measured, outcome.discretisation_error, self.problem)
         before, hardness = self._indentation, self.problem.hardness
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
-        distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
+        distance, depth, tilt = state.distance, state.depth, state.distance.tilt
         approach, moments = loading.solved_approach(state), measure_moments(state)
         total = self._shift.total(measured, state) if self._shift else measured
         notes = notes_on(state, self.problem, total, moments, self._roughness)
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)
-        applied, history.entries, traffic = self.comm.bcast(counted)
+        (applied, history.entries, traffic), top = self.comm.bcast(counted), len(self.hierarchy.levels) - 1
         return Solution(
             pressure=state.p,
             deformation=state.deformation(),
-            distance=synchronized(lambda: before.remove_from(distance.h_at(depth))),
+            distance=synchronized(lambda: before.remove_from(distance.h_at(depth, tilt))),
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p),
             indentation_before=before.depth,
@@ -408,10 +412,12 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             message=outcome.reason,
             prescribed=loading.kind,
             approach=approach,
-            indentation=depth - distance.zero_load_depth + before.approach,
+            tilt_x=tilt.x,
+            tilt_y=tilt.y,
+            indentation=depth - state.first_touch() + before.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
-            inner_iterations=sum([e["inner_iterations"] for e in history.entries if e["level"] == last]),
+            inner_iterations=sum([e["inner_iterations"] for e in history.entries if e["level"] == top]),
             work_units=sum([entry["work_units"] for entry in history.entries]),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
@@ -426,7 +432,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             history=history.columns(),
             problem=self.problem.describe()
             | state.bounds.describe()
-            | analytic_values(self.problem, measured, approach, loading.load)
+            | analytic_values(self.problem, measured, approach, loading)
             | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),

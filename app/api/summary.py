@@ -147,6 +147,10 @@ def _describe_pressure(facts, grid):
         lines.append(
             f"centre of pressure {', '.join(f'{name} = {at:.6g} mm' for name, at in places.items())}"
         )
+    if facts.get("tilt_x") or facts.get("tilt_y"):
+        lines.append(
+            "tilt {tilt_x:.6g}, {tilt_y:.6g}; moments {moment_x:.6g}, {moment_y:.6g} N mm".format(**facts)
+        )
     if "plastic_area" in facts:
         lines.append(_describe_plastic(facts))
     if "stiffness" in facts:

@@ -19,6 +19,8 @@ QUANTITIES = {
     "load": Quantity("N", "load", "normal force", "F"),
     "approach": Quantity("mm", "approach", _APPROACH, "δ"),
     "indentation": Quantity("mm", "approach beyond first touch"),
+    "tilt_x": Quantity("1", "tilt in x", "slope by which the undeformed distance is reduced"),
+    "tilt_y": Quantity("1", "tilt in y"),
     "mean_pressure": Quantity("N/mm2", "mean pressure", "load over the area of the patch"),
     "mean_gap": Quantity("mm", "mean gap", "over the cells where contact is possible"),
     "contact_area": Quantity("mm2", "contact area", "cells in contact times their area"),
