@@ -39,10 +39,10 @@ class PathRequest:
     an option is not allowed, or if an output would replace one of these files.
     """
 
-    def __init__(self, kind, options, parsed, inputs):
+    def __init__(self, kind, options, parsed, inputs, tilting):
         output, csv = options["output"], options["path_csv"]
         self.kind, self.numbers, self.inputs = kind, tuple(options[f"{kind}_path"]), inputs
-        self.fields, self.resume = options["path_fields"], options["resume"]
+        self.fields, self.resume, self.tilting = options["path_fields"], options["resume"], tilting
         if self.fields and not output:
             raise InputError("-path_fields: needs -output, next to which the files of the steps are written")
         if self.resume and not (output or csv):
@@ -78,9 +78,8 @@ def run_path(request, solver, save, stiffness, flow):
     """
     from tqdm import tqdm
 
-    path = solver.path(
-        stiffness=stiffness, flow=flow, **{request.kind: request.numbers}
-    )  # checks the numbers
+    loading = {request.kind: request.numbers} | request.tilting
+    path = solver.path(stiffness=stiffness, flow=flow, **loading)  # checks the numbers
     checkpoint = call_collectively(solver.comm, _Checkpoint, request, solver)
     rows, notes = solver.comm.bcast((checkpoint.rows, checkpoint.notes))
     path.resume_after(rows)

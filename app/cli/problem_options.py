@@ -8,6 +8,7 @@ from app.base.quantities import ESTIMATED
 from app.cli import load_path
 from app.cli.geometry_options import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.contact.loading_input import LOADINGS
+from app.contact.tilting_input import TILTING
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC
 from app.options.option_table import FILES as OPTION_FILES
 from app.options.option_table import (
@@ -20,6 +21,7 @@ from app.options.option_table import (
     from_zero,
     lengths,
     list_named_files,
+    pair_of_reals,
     real,
     subset,
     word,
@@ -38,6 +40,10 @@ PROBLEM_OPTIONS = [
     *(
         Option(name, lengths(real()) if loading.unit == "mm" else real(), None, f"{loading.meaning} [{loading.unit}]")
         for name, loading in LOADINGS.items()
+    ),
+    *(
+        Option(name, pair_of_reals(f"two numbers, for x and y [{unit}]"), None, f"{meaning} [{unit}]")
+        for name, (unit, meaning) in TILTING.items()
     ),
     Option("line_load", from_zero, None, "load per length of a roller, cylinder, or patch periodic in x or y [N/mm]"),
     *load_path.OPTIONS,
@@ -66,6 +72,8 @@ class Request:
     problem : app.problems.problem.Problem
     loading : dict
         Prescribed quantity -> value, as for `app.api.solver.ContactSolver.solve`; empty for a load path.
+    tilting : dict
+        Load centre, moment or tilt, as in `loading`.
     path : app.cli.load_path.PathRequest or None
     refine_until, refine_max : number or None
     quantities : tuple of str
@@ -99,9 +107,11 @@ class Request:
             call_collectively(comm, check_output_path, self.output, inputs)
         for file in inputs:
             check_equal_on_ranks(comm, call_collectively(comm, hash_samples, file), f"input {file}")
-        self.loading, self.path, self.refine_until = {kind: value}, None, options["refine_until"]
+        self.tilting = {name: options[name] for name in TILTING if options.given(name)}
+        self.loading = {kind: value} | self.tilting
+        self.path, self.refine_until = None, options["refine_until"]
         if kind.endswith("_path"):
-            arguments = kind.removesuffix("_path"), options, parsed, inputs
+            arguments = kind.removesuffix("_path"), options, parsed, inputs, self.tilting
             self.loading, self.path = {}, call_collectively(comm, load_path.PathRequest, *arguments)
             if self.refine_until:
                 raise InputError(f"-refine_until: needs a single loading, not -{kind}")
@@ -159,7 +169,7 @@ def resolve_alternatives(parsed):
 
     Raises InputError if one source sets several options that exclude each other.
     """
-    for alternatives in (LOADING, *ALTERNATIVES):
+    for alternatives in (LOADING, TILTING, *ALTERNATIVES):
         parsed.select_alternative(alternatives)
     return OptionReader(PROBLEM_OPTIONS, parsed.texts)
 

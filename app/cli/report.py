@@ -33,11 +33,11 @@ _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
     "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
     "largest_patch", "perimeter", *SEMI_AXES, *EXTENTS, "load_per_length", "half_length", "half_width",
-    "mean_half_width", *ROLLER_NUMBERS, "pressure_centre_x", "pressure_centre_y", "plastic_area", "plastic_fraction",
-    "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume", "mean_plastic_depth", "hardness",
-    "largest_load", "mean_gap", "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance",
-    "thermal_conductance", "transmissivity_x", "hydraulic_aperture_x", "transmissivity_y", "hydraulic_aperture_y",
-    "flow_error", "contact_modulus", "rms_height", "rms_slope",
+    "mean_half_width", *ROLLER_NUMBERS, "tilt_x", "tilt_y", "pressure_centre_x", "pressure_centre_y", "plastic_area",
+    "plastic_fraction", "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume",
+    "mean_plastic_depth", "hardness", "largest_load", "mean_gap", "stiffness", "unloading_stiffness",
+    "conductance_width", "electrical_conductance", "thermal_conductance", "transmissivity_x", "hydraulic_aperture_x",
+    "transmissivity_y", "hydraulic_aperture_y", "flow_error", "contact_modulus", "rms_height", "rms_slope",
 )  # fmt: skip
 _ORIGIN = {
     "version": "version",
@@ -102,6 +102,7 @@ def numbers_section(result):
     values = result.attributes | result.count_patches()
     values |= dict.fromkeys((*SEMI_AXES, *EXTENTS)) | contact_shape(values, grid)
     values |= {f"pressure_centre_{name}": at for name, at in centre_of_pressure(values, grid).items()}
+    values |= {name: values.get(name) or None for name in ("tilt_x", "tilt_y")}
     quantities = []
     for name in _QUANTITIES:
         unit, _, meaning, _ = QUANTITIES[name]

@@ -84,7 +84,7 @@ def main(parsed):
             with solver:
                 solution = solver.solve(**request.loading)
                 if request.stiffness:
-                    solution = solver.with_stiffness(solution)
+                    solution = solver.with_stiffness(solution, tilts=bool(request.tilting))
             notes = solution.notes
         if request.flow:
             solution.flow()
