@@ -30,6 +30,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "surfaces": "Surfaces and materials",
         "load-paths": "Load curves",
         "periodic": None,
+        "tilt": "Moments and tilt",
         "hardness": "Hardness and unloading",
         "layers": None,
         "conductance": None,

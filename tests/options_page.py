@@ -11,6 +11,7 @@ from pathlib import Path
 from app.cli import arguments, load_path
 from app.cli.geometry_options import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.cli.problem_options import LOADING, PROBLEM_OPTIONS
+from app.contact.tilting_input import TILTING
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options.option_table import format_value
 
@@ -45,7 +46,8 @@ has the paper's waves unless another surface is given. Other shapes have these w
 Give exactly one of the rms slope and the rms height.
 """
 _LOADING = """Give exactly one of `-approach`, `-load`, `-mean_pressure` and `-mean_gap`, or exactly one
-load path of many numbers (`-approach_path` and so on; see [load curves](load-paths.md))."""
+load path of many numbers (`-approach_path` and so on; see [load curves](load-paths.md)). With a load, `-load_centre` or
+`-moment` tilts the bodies; with a load or an approach, `-tilt` prescribes the [tilt](tilt.md)."""
 _OUTPUT = "The page [results](results.md) describes the result file."
 _METHOD = """The table has the default of each option, and the values that the default methods set: `fast.opts` on free
 patches, `primal.opts` on periodic patches. The page [methods](methods.md) describes the methods. With `primal`,
@@ -77,7 +79,7 @@ def sections():
         return [left.pop(name) for name in list(left) if chosen(left[name])]
 
     path = (option.name for option in load_path.OPTIONS)
-    loading = {*LOADING, *path, "refine_until", "refine_max", "stiffness"}
+    loading = {*LOADING, *TILTING, *path, "refine_until", "refine_max", "stiffness"}
     materials = taken(lambda option: option in MATERIAL_OPTIONS)
     rough = taken(lambda option: option.name.startswith("surface_"))
     shapes = taken(lambda option: option.name.startswith(_OF_SHAPES))

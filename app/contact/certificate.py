@@ -52,8 +52,9 @@ from below. On a free patch w = 0 gives a second bound. If no cell is plastic, t
 feasible here, too. On a periodic patch B_II replaces 1 / smallest, and the mean of w is made zero as above, by a factor
 on the gaps or on the overlaps that are left.
 
-*Prescribed load.* Both bounds hold if p has the prescribed load: f at the computed approach and f under the load then
-differ by a constant, and so do the duals, where the approach of the solution is an unknown like q.
+*Prescribed load and moments.* Both bounds hold if p has the prescribed load: f at the computed approach and f under the
+load then differ by a constant, and so do the duals, where the approach of the solution is an unknown like q. The same
+holds for moments and the tilt.
 
 *Rounding.* u is A p only up to an error d. The bounds are valid for the problem with h + d, whose solution differs from
 the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. The error of a product by FFT is about

@@ -53,7 +53,7 @@ class Loading:
     allows_no_contact : bool
         True if bodies that do not touch can be the solution.
     tilt : Tilt
-        Prescribed tilt, or the present one if the loading finds it.
+        Prescribed tilt; only its pivot matters if the loading finds the tilt.
     tilts : bool
         True if the loading finds the tilt.
     support : Springs or None

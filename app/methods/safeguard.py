@@ -5,7 +5,7 @@ set C, without the cells that have a gap and almost no pressure. The step along 
 halved until f falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every
 iteration, and the limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps
 [1, Prop. 2]. To meet a prescribed load, a bracketing root search calls the method, because the load is monotone in the
-approach.
+approach. If moments are prescribed, too, the bodies are held by springs, see `app.contact.tilted_load`.
 
 All numbers are in double precision. The method needs some more vectors while it runs. The result counts the grids on
 which the method was used (``fallbacks``).

@@ -38,6 +38,13 @@ def crowned_roller(names):
     assert along[len(along) // 2] == pytest.approx(line.max_pressure, rel=5e-3)
 
 
+def tilted_roller(names):
+    """A load off centre tilts the roller as much as moved its centre; the crown allows some minutes."""
+    assert names["balanced"].tilt_y / names["minute"] == pytest.approx(names["angles"][3], rel=1e-3)
+    peaks = [solution.max_pressure / names["line"].max_pressure for solution in names["turned"]]
+    assert peaks[0] < 1.1 and peaks[2] < 1.2 and peaks[-1] > 2
+
+
 def optimal_crown(names):
     largest = {name: solution.max_pressure for name, solution in names["solutions"].items()}
     assert largest["best"] < 1.05 * names["line"].max_pressure < 0.7 * largest["arc of 1.5 m"]
@@ -121,7 +128,7 @@ def wear(names):
 CHECKS = {"two_bodies": ball_on_flat}
 for check in (
     *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, contact_law, creep),
-    *(indentation, wheel_on_rail, measured_surface, rough_surfaces, leakage, wear),
+    *(indentation, wheel_on_rail, measured_surface, rough_surfaces, leakage, tilted_roller, wear),
 ):
     CHECKS[check.__name__] = check
 

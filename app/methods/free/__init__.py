@@ -17,7 +17,8 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
 - *Stop.* A coarse grid is left as soon as its residual is small compared with h on C. On the target grid, one product
   in double precision on all cells decides (5.1), and the certificate is tested. For a window all ranks compute this
   product (`verification_product`).
-- *Load.* If the load is prescribed, the approach changes in each iteration (`app.contact.prescribed_load`).
+- *Load.* If the load is prescribed, the approach changes in each iteration (`app.contact.prescribed_load`). If moments
+  are, too, the tilt also changes (`app.contact.tilted_load`).
 - *Dilute contact.* If few cells of a large grid are in contact, the finer grids are solved on lists of cells
   (`app.methods.free.dilute`).
 - *Safeguard.* If the residual stagnates, or is small without satisfying the certificate, `app.methods.safeguard`
