@@ -75,6 +75,7 @@ class CreepPath(LoadPath):
         Times [s], increasing. Between two times pressures change linearly.
     """
 
+    times: list[float]
     can_resume = False
 
     def __init__(self, solver, times, kind, numbers, stiffness=False, progress=False):

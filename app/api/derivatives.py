@@ -31,6 +31,7 @@ from app.api.solution import Solution
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.mpi import MPI
 from app.base.petsc import synchronized
+from app.base.types import ArrayLike, Floats
 from app.contact.periodic_state import contact_state
 from app.contact.tilt import linear_sums
 from app.multigrid.linear_solver import LinearSolver
@@ -105,7 +106,7 @@ class Derivatives:
     """Methods of `ContactSolver` that compute derivatives of its solutions."""
 
     @synchronized
-    def stiffness(self, solution):
+    def stiffness(self, solution: Solution) -> float:
         """Compute the contact stiffness dF/d(approach) of a solution.
 
         This takes one more linear solve.
@@ -125,7 +126,7 @@ class Derivatives:
         return self._stiffness_of(find_elastic_cells(solution))
 
     @synchronized
-    def with_stiffness(self, solution, tilts=False):
+    def with_stiffness(self, solution: Solution, tilts: bool = False) -> Solution:
         """Return a solution with its stiffness and conductance.
 
         This takes one more linear solve, or two if there are plastic cells.
@@ -161,7 +162,7 @@ class Derivatives:
         return replace(solution, conductance_width=width, **conductances(self.problem.material, width))
 
     @synchronized
-    def sensitivity(self, solution, of="load"):
+    def sensitivity(self, solution: Solution, of: str | ArrayLike = "load") -> Floats:
         """Compute a number's derivatives with respect to the shape.
 
         The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives are

@@ -1,14 +1,17 @@
 """Grids whose patch is fitted to the contact."""
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from app.api.solver import ContactSolver
 from app.base.errors import InputError, format_exact, plain_number
 from app.base.mpi import MPI
+from app.base.types import ArrayLike, Floats, Length
 from app.base.units import to_length
 from app.halfspace.grid import Grid
+from app.halfspace.material import Material
 from app.problems.contact_problem import ContactProblem
 from app.problems.default_patch import END_MARGIN, MARGIN, default_patch
 from app.problems.problem import Problem
@@ -21,7 +24,16 @@ MAX_PROBES = 16
 _UNIT_PATCH = (-1.0, 1.0, -1.0, 1.0)  # where a gap without a theory is first probed [mm]
 
 
-def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, hardness=None):
+def fit_grid(
+    gap: Problem | Shape | Callable[[Floats, Floats], ArrayLike],
+    material: Material,
+    cells: int | tuple[int, int] = 256,
+    patch: Sequence[Length] | None = None,
+    *,
+    approach: Length | None = None,
+    load: float | None = None,
+    hardness: float | None = None,
+) -> Grid:
     """Return a grid around the contact of smooth bodies.
 
     The contact is computed on small grids, usually one or two. The sides of the patch are 1.5 times the extent of the

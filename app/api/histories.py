@@ -1,7 +1,9 @@
 """Bodies that change over time: the methods `creep` and `wear` of a solver."""
 
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
+from typing import Any, Self
 
 import numpy as np
 
@@ -10,8 +12,10 @@ from app.api.creep import CreepPath
 from app.api.shifted_problem import check_kind
 from app.api.wear import WearPath
 from app.base.errors import InputError, call_collectively, is_number, plain_number
+from app.base.types import Length
 from app.base.usage import usage
 from app.contact.loading_input import USAGE, single_loading
+from app.problems.problem import Problem
 
 
 class Histories:
@@ -20,7 +24,14 @@ class Histories:
     _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
 
     @usage(f"solver.creep(times=[0, 1, 10], {USAGE}")
-    def creep(self, times, *, stiffness=False, progress=False, **loadings):
+    def creep(
+        self,
+        times: Iterable[float],
+        *,
+        stiffness: bool = False,
+        progress: bool = False,
+        **loadings: Length | Iterable[Length] | None,
+    ) -> CreepPath:
         """Solve for viscoelastic bodies at several times.
 
         Parameters
@@ -53,7 +64,16 @@ class Histories:
         return CreepPath(self, times, kind, numbers, stiffness, progress)
 
     @usage(f"solver.wear(coefficient=1e-9, distance=4000, steps=80, {USAGE}")
-    def wear(self, coefficient, distance, steps, *, stiffness=False, progress=False, **loadings):
+    def wear(
+        self,
+        coefficient: float,
+        distance: float,
+        steps: int,
+        *,
+        stiffness: bool = False,
+        progress: bool = False,
+        **loadings: Length | Iterable[Length] | None,
+    ) -> WearPath:
         """Solve for bodies that wear by Archard's law, in implicit steps.
 
         Parameters
@@ -106,7 +126,7 @@ class Histories:
         return call_collectively(self.comm, single_loading, loadings, f"{what}: ")
 
     @contextmanager
-    def replaced(self, problem):
+    def replaced(self, problem: Problem) -> Iterator[Self]:
         """Replace the problem by `update` during a ``with`` block."""
         before = self.problem
         if problem is before:
@@ -121,7 +141,7 @@ class Histories:
         self.update(before)
 
     @contextmanager
-    def shifted(self, step):
+    def shifted(self, step: Any) -> Iterator[Self]:
         """Solve a `ShiftedProblem` instead of the problem during a ``with`` block; None: the problem."""
         self._step, before = step, self._step
         try:

@@ -14,10 +14,12 @@ F. N. Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: a cubic
 are at most 3 times that of the chord.
 """
 
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import pairwise
 from math import ceil, log10, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from app.base.errors import (
     plain_number,
     warn_caller,
 )
+from app.base.types import ArrayLike, DataFrame, PathLike
 from app.base.usage import usage
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.io.frames import to_dataframe
@@ -58,7 +61,7 @@ class ContactLaw:
         A smooth law is 16 times as accurate; one with few cells in contact, whose stiffness has steps, is not.
     """
 
-    def __init__(self, rows, error=np.nan, rank=0):
+    def __init__(self, rows: Iterable[dict[str, Any]], error: float = np.nan, rank: int = 0) -> None:
         rows = sorted(rows, key=lambda row: row["load"])
         names = dict.fromkeys(name for row in rows for name in row)
         self.table = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
@@ -95,7 +98,7 @@ class ContactLaw:
         return high
 
     @usage("law.at(approach=0.001), or load=, indentation=")
-    def at(self, **given):
+    def at(self, **given: ArrayLike) -> dict[str, np.ndarray]:
         """Return the numbers at loads, approaches or indentations.
 
         Parameters
@@ -136,11 +139,11 @@ class ContactLaw:
                 found[name] = np.where(is_known, np.exp(values) if is_positive else values, np.nan)
         return found
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> DataFrame:
         """Return `table` as a pandas.DataFrame with units in ``attrs["units"]``."""
         return to_dataframe(self.table)
 
-    def save(self, path):
+    def save(self, path: PathLike) -> None:
         """Write the table on rank 0, as ``.csv``, ``.h5``, ``.mat``, ``.md`` or ``.txt``.
 
         Raises InputError if the file cannot be written.
@@ -159,8 +162,15 @@ class Laws:
 
     @usage("solver.law(load=(1, 1000)), or mean_pressure=")
     def law(
-        self, *, tolerance=1e-3, flow=False, friction=None, tangential_share=None, max_points=200, **loadings
-    ):
+        self,
+        *,
+        tolerance: float = 1e-3,
+        flow: bool = False,
+        friction: float | None = None,
+        tangential_share: float | None = None,
+        max_points: int = 200,
+        **loadings: Sequence[float] | None,
+    ) -> ContactLaw:
         """Solve for a range of loads, so close that interpolation is accurate.
 
         The middle of each interval is solved and added. The halves are halved again if this changed the interpolated

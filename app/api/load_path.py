@@ -15,16 +15,19 @@ on a self-affine surface of 512 x 512 cells::
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from numbers import Number
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from app.api.analytic_values import ANALYTIC, THEORIES
+from app.api.solution import Solution
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.progress_bar import progress_bar
+from app.base.types import Axes, DataFrame, Figure, Length, PathLike
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
@@ -95,9 +98,20 @@ class LoadPath:
 
     can_resume = True  # False if a step depends on more than the numbers of the steps before
 
+    rows: list[dict[str, Any]]
+    numbers: list[float]
+
     def __init__(
-        self, solver, kind, numbers, stiffness=False, rows=(), progress=False, flow=False, tilting=None
-    ):
+        self,
+        solver: Any,
+        kind: str,
+        numbers: Iterable[Length],
+        stiffness: bool = False,
+        rows: Iterable[Mapping[str, Any]] = (),
+        progress: bool = False,
+        flow: bool = False,
+        tilting: Mapping[str, Any] | None = None,
+    ) -> None:
         self._solver, self._kind, self._with_stiffness, self._with_flow = solver, kind, stiffness, flow
         self._progress, self._tilting = progress, tilting or {}
         self._problem = solver.problem
@@ -110,7 +124,7 @@ class LoadPath:
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
 
-    def resume_after(self, rows):
+    def resume_after(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Continue the path after the finished steps in `rows`."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
@@ -141,10 +155,10 @@ class LoadPath:
     def __repr__(self):
         return f"<{type(self).__name__}: {len(self)} steps by {self._kind}, {len(self.rows)} done>"
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.numbers)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Solution]:
         has_ended = self._steps is None or self._steps.gi_frame is None
         if has_ended and self._steps and len(self.rows) < len(self):  # after an interruption
             self._steps, has_ended = self._solve(), False
@@ -203,12 +217,12 @@ class LoadPath:
         }
 
     @property
-    def converged(self):
+    def converged(self) -> bool:
         """True if all finished steps converged."""
         return all(row["converged"] for row in self.rows)
 
     @property
-    def table(self):
+    def table(self) -> dict[str, np.ndarray]:
         """Table of finished steps: name -> ndarray, shape (steps,).
 
         Missing values are NaN. With two or more steps, ``stiffness_by_differences`` is the stiffness from differences
@@ -230,14 +244,14 @@ class LoadPath:
         columns["converged"] = columns.pop("converged")
         return columns
 
-    def plot(self):
+    def plot(self) -> tuple[Figure, Axes]:
         """Draw the curves of the finished steps, such as load against approach.
 
         Return figure and axes.
         """
         return views.load().plot_path(self)
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> DataFrame:
         """Return `table` as a pandas.DataFrame, indexed by steps.
 
         The units are in its ``attrs["units"]``.
@@ -247,7 +261,7 @@ class LoadPath:
     def _repr_html_(self):
         return views.load().path_html(self)
 
-    def save(self, path):
+    def save(self, path: PathLike) -> None:
         """Write the table of the finished steps as CSV on rank 0.
 
         Parameters

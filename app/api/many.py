@@ -2,7 +2,7 @@
 
 import signal
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import wait
@@ -10,7 +10,7 @@ from numbers import Integral
 from os import environ
 from pickle import HIGHEST_PROTOCOL, PicklingError, dumps
 from traceback import format_exc
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,12 @@ from app.base.errors import (
 from app.base.mpi import MPI, single_rank_variables, temporary_environment
 from app.base.petsc import mpi_comm
 from app.base.progress_bar import progress_bar
+from app.base.types import AnyComm, ArrayLike, Method, Options, PathLike
 from app.base.usage import usage
 from app.base.user_folder import existing_folder
 from app.contact.loading_input import LOADINGS, USAGE, single_loading, validate_number
+from app.halfspace.grid import Grid
+from app.halfspace.material import Material
 from app.io.field_stack import check_fields, open_field_stack
 from app.parallel import mpi_abort
 from app.problems.contact_problem import ContactProblem
@@ -57,9 +60,20 @@ class _Job(NamedTuple):
 
 @usage(f"solve_many(problems, {USAGE}")
 def solve_many(
-    problems, loads=None, processes=1, *, grid=None, material=None, method=None, options=None, comm=None,
-    output=None, fields=("pressure", "gap"), progress=False, **loading,
-):  # fmt: skip
+    problems: Iterable[Any],
+    loads: ArrayLike | None = None,
+    processes: int = 1,
+    *,
+    grid: Grid | None = None,
+    material: Material | None = None,
+    method: Method = None,
+    options: Options = None,
+    comm: AnyComm = None,
+    output: PathLike | None = None,
+    fields: Sequence[str] = ("pressure", "gap"),
+    progress: bool = False,
+    **loading: ArrayLike | None,
+) -> SolutionTable:
     """Solve many problems, each for one load or several.
 
     Problems on the same grid and material share one solver. Every solve starts from scratch, so its numbers do not

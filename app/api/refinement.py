@@ -1,7 +1,8 @@
 """Refinement of the grid until the discretisation error is small enough."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from app.base.errors import (
 from app.base.petsc import check_cells, mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.quantities import ESTIMATED
+from app.base.types import AnyComm, Axes, DataFrame, Figure, Method, Options
 from app.base.usage import usage
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
+from app.contact.history import Listener
 from app.contact.loading_input import LOADINGS
 from app.io.frames import to_dataframe
 from app.multigrid.hierarchy import check_memory
@@ -43,7 +46,7 @@ class Refinement(NamedTuple):
     errors: GridErrors  # on the finest grid
     reached: bool  # True if all known errors are small enough
     stiffness: float  # dF/d(approach) [N/mm]; NaN unless requested
-    rows: list  # of dict, one for each grid: cells, numbers, errors
+    rows: list[dict[str, Any]]  # one for each grid: cells, numbers, errors
     options: SolverOptions | None = None  # of the first grid
 
     def __repr__(self):
@@ -53,11 +56,11 @@ class Refinement(NamedTuple):
     def _repr_html_(self):
         return views.load().refinement_html(self)
 
-    def plot(self, name=None, ax=None):
+    def plot(self, name: str | None = None, ax: Axes | None = None) -> tuple[Figure, Any]:
         """Draw the solution on the finest grid; see `Solution.plot`."""
         return self.solution.plot(name, ax)
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> DataFrame:
         """Return `rows` as a pandas.DataFrame.
 
         The units are in its ``attrs["units"]``.
@@ -67,19 +70,19 @@ class Refinement(NamedTuple):
 
 @usage("refine(problem, until=0.01, load=700)")
 def refine(
-    problem,
-    until,
-    most_cells=MAX_CELLS,
-    method=None,
-    options=None,
-    comm=None,
-    listeners=(),
-    stiffness=False,
-    prefix=None,
-    progress=False,
-    quantities=ESTIMATED,
-    **loading,
-):
+    problem: Problem,
+    until: float,
+    most_cells: float = MAX_CELLS,
+    method: Method = None,
+    options: Options = None,
+    comm: AnyComm = None,
+    listeners: Sequence[Listener] = (),
+    stiffness: bool = False,
+    prefix: str | None = None,
+    progress: bool = False,
+    quantities: Sequence[str] = ESTIMATED,
+    **loading: Any,  # numbers or texts, and a `start`
+) -> Refinement:
     """Solve a problem on finer and finer grids.
 
     Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. At least two grids

@@ -14,13 +14,16 @@ In a cycle between -Q and Q the slip goes to and fro (Mindlin and Deresiewicz 19
 integral of traction and slip.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
 from app.api.arguments import check_parts
 from app.api.solution import Solution
 from app.base.errors import InputError, check_equal_on_ranks, format_exact, is_number, plain_number
+from app.base.types import Floats
 from app.base.usage import usage
 from app.contact.prescribed_load import LOAD_ROUNDING
 from app.parallel.reductions import sum_over
@@ -65,8 +68,8 @@ class PartialSlip:
     tangential_stiffness: float
     dissipated_energy: float
     error_bound: float
-    traction: np.ndarray
-    slip: np.ndarray
+    traction: Floats
+    slip: Floats
 
     def __repr__(self):
         contact = self.stick_area + self.slip_area
@@ -105,8 +108,18 @@ def compliance_ratio(material):
 class Friction:
     """Methods of `ContactSolver` for tangential loads."""
 
+    @overload
+    def slip(self, *, load: float, friction: float, tangential_load: float) -> PartialSlip: ...
+
+    @overload
+    def slip(
+        self, *, load: float, friction: float, tangential_load: Iterable[float]
+    ) -> list[PartialSlip]: ...
+
     @usage("solver.slip(load=700, friction=0.3, tangential_load=100)")
-    def slip(self, *, load, friction, tangential_load):
+    def slip(
+        self, *, load: float, friction: float, tangential_load: float | Iterable[float]
+    ) -> PartialSlip | list[PartialSlip]:
         """Solve for partial slip by two normal solves, and one linear solve for the stiffness.
 
         Parameters

@@ -1,11 +1,14 @@
 """Solutions: fields, numbers and history, on all ranks."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.types import Comm, Floats, Mask, PathLike
 from app.contact.certificate import Certificate
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
@@ -25,11 +28,24 @@ _MAX_ATTRIBUTE_BYTES = 65_000  # HDF5 stores no larger ones, texts excepted
 _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are not numbers of a Solution
 
 
-_Numbers = make_dataclass(  # their names are listed once, where they are computed
-    "_Numbers",
-    [pair for kind in (ContactMeasures, ContactMoments, GridErrors) for pair in kind.__annotations__.items()],
-    frozen=True, eq=False, repr=False,
-)  # fmt: skip
+if TYPE_CHECKING:  # a type checker cannot read the list; tests/unit/test_types.py compares both
+
+    class _Numbers:
+        contact_cells = 0
+        load = mean_pressure = mean_gap = max_pressure = mean_contact_pressure = 0.0
+        contact_area = contact_fraction = contact_fraction_corrected = perimeter = 0.0
+        plastic_area = plastic_fraction = plastic_volume = mean_plastic_depth = 0.0
+        pressure_centre_x = pressure_centre_y = moment_x = moment_y = 0.0
+        semi_axis_major = semi_axis_minor = major_axis_angle = 0.0
+        contact_extent_x = contact_extent_y = 0.0
+        load_error = approach_error = max_pressure_error = contact_area_error = 0.0
+
+else:
+    _Numbers = make_dataclass(  # their names are listed once, where they are computed
+        "_Numbers",
+        [pair for kind in (ContactMeasures, ContactMoments, GridErrors) for pair in kind.__annotations__.items()],
+        frozen=True, eq=False, repr=False,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,8 +145,8 @@ class Solution(_Numbers, ContactFields):
         Results that methods have computed: that of `flow`.
     """
 
-    pressure: np.ndarray
-    contact: np.ndarray
+    pressure: Floats
+    contact: Mask
     converged: bool
     message: str
     prescribed: str
@@ -149,28 +165,28 @@ class Solution(_Numbers, ContactFields):
     rms_slope: float
     rtol: float
     certificate: Certificate
-    history: dict
-    problem: dict
+    history: dict[str, list[Any]]
+    problem: dict[str, Any]
     options: str
-    notes: tuple
+    notes: tuple[str, ...]
     solve_seconds: float
     setup_seconds: float
     traffic: Traffic
     grid: Grid
     slabs: Slabs
-    comm: object
-    distance: object  # function that returns `undeformed_distance`
-    deformation: object  # function that returns `displacement`
+    comm: Comm
+    distance: Callable[[], Floats]  # function that returns `undeformed_distance`
+    deformation: Callable[[], Floats]  # function that returns `displacement`
     stiffness: float | None = None
     unloading_stiffness: float | None = None
     conductance_width: float | None = None
     electrical_conductance: float | None = None
     thermal_conductance: float | None = None
-    tilt_stiffness: np.ndarray | None = None
-    plastic: np.ndarray | None = None
-    indentation_before: np.ndarray | None = None
-    extra: dict = field(default_factory=dict)
-    computed: dict = field(default_factory=dict)
+    tilt_stiffness: Floats | None = None
+    plastic: Mask | None = None
+    indentation_before: Floats | None = None
+    extra: dict[str, np.ndarray] = field(default_factory=dict)
+    computed: dict[str, Any] = field(default_factory=dict)
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -186,20 +202,20 @@ class Solution(_Numbers, ContactFields):
         self.__dict__.update(state, distance=lambda: h, deformation=lambda: u, comm=MPI.COMM_SELF)
 
     @property
-    def displacement(self):
+    def displacement(self) -> Floats:
         """Displacement u = A p of both surfaces together, (2.7), (rows, nx) [mm].
 
         After a solve on lists of cells the first access computes it, by a product.
         """
         return self.deformation()
 
-    def deformation_plus(self, change):
+    def deformation_plus(self, change: Floats) -> Callable[[], Floats]:
         """Return a function that returns the displacement plus a `change` [mm]."""
         deformation = self.deformation
         return lambda: deformation() + change
 
     @property
-    def undeformed_distance(self):
+    def undeformed_distance(self) -> Floats:
         """Undeformed distance at the approach, (rows, nx) [mm].
 
         With a hardness it belongs to the bodies before any permanent indentation.
@@ -207,7 +223,7 @@ class Solution(_Numbers, ContactFields):
         return self.distance()
 
     @property
-    def gap(self):
+    def gap(self) -> Floats:
         """Gap between the deformed bodies, shape (rows, nx) [mm].
 
         The gap is e = h + u; with a hardness it is e + `plastic_depth`.
@@ -216,7 +232,7 @@ class Solution(_Numbers, ContactFields):
         return gap if self.plastic is None else gap + self.plastic_depth
 
     @property
-    def plastic_depth(self):
+    def plastic_depth(self) -> Floats | None:
         """Depth of the permanent indentation, shape (rows, nx) [mm].
 
         In cells at the hardness it is the overlap -e. In other cells it is zero, or the `indentation_before`. None
@@ -229,29 +245,29 @@ class Solution(_Numbers, ContactFields):
         return np.where(self.plastic, np.maximum(overlap, before), before)
 
     @property
-    def error_bound(self):
+    def error_bound(self) -> float:
         """Proved bound of the pressure's relative error in the energy norm."""
         return self.certificate.error_bound
 
     @property
-    def x(self):
+    def x(self) -> Floats:
         """Cell centres in x, shape (nx,) [mm]."""
         return self.grid.x()
 
     @property
-    def y(self):
+    def y(self) -> Floats:
         """Cell centres in y of the local rows [mm]."""
         return self.grid.y(self.slabs.rows)
 
     @property
-    def requested_numbers(self):
+    def requested_numbers(self) -> dict[str, float]:
         """Stiffness, conductance and flow by name, if they were requested."""
         values = {name: getattr(self, name) for name in STIFFNESS_NUMBERS}
         flow = self.computed["flow"].select(FLOW_NUMBERS) if self.computed else {}
         return {name: value for name, value in values.items() if value is not None} | flow
 
     @property
-    def attributes(self):
+    def attributes(self) -> dict[str, Any]:
         """Numbers and texts of this solution: the root attributes of its file."""
         from app import __version__
 
@@ -273,7 +289,7 @@ class Solution(_Numbers, ContactFields):
             "version": __version__,
         }
 
-    def gather(self, root=0):
+    def gather(self, root: int = 0) -> Self | None:
         """Return the whole solution on rank `root`. Collective.
 
         Returns
@@ -336,7 +352,7 @@ class Solution(_Numbers, ContactFields):
                 raise InputError(f"{what}: {name}: must be an array of the cells, or less than 64 KB")
         return selected
 
-    def save(self, path, steps=None, **attributes):
+    def save(self, path: PathLike, steps: Mapping[str, np.ndarray] | None = None, **attributes: Any) -> None:
         """Write a result file (HDF5). Collective.
 
         Parameters

@@ -1,11 +1,13 @@
 """Table of the solutions of many problems."""
 
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
 from app.base import views
 from app.base.quantities import QUANTITIES, unit_of
+from app.base.types import DataFrame, PathLike
 from app.io.frames import to_dataframe
 
 _SHOWN = "problem", "load", "approach", "max_pressure", "contact_area", "converged"
@@ -23,14 +25,14 @@ class SolutionTable:
     rows : list of dict
     """
 
-    def __init__(self, rows):
+    def __init__(self, rows: list[dict[str, Any]]) -> None:
         self.rows = rows
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.rows)
 
     @property
-    def table(self):
+    def table(self) -> dict[str, np.ndarray]:
         """Columns: name -> ndarray of shape (rows,).
 
         Missing numbers are NaN, missing texts are empty.
@@ -38,7 +40,7 @@ class SolutionTable:
         names = dict.fromkeys(name for row in self.rows for name in row)
         return {name: self[name] for name in names}
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> np.ndarray:
         values = [row.get(name) for row in self.rows]
         known = [value for value in values if value is not None]
         if not known:
@@ -47,20 +49,20 @@ class SolutionTable:
         return np.array([missing if value is None else value for value in values])
 
     @property
-    def units(self):
+    def units(self) -> dict[str, str]:
         """Units of the columns that are quantities, by name."""
         return {name: unit_of(name) for name in self.table if name.removeprefix("analytic_") in QUANTITIES}
 
     @property
-    def converged(self):
+    def converged(self) -> bool:
         """True if all rows converged."""
         return all(row["converged"] for row in self.rows)
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> DataFrame:
         """Return a pandas.DataFrame with units in ``attrs["units"]``."""
         return to_dataframe(self.table)
 
-    def save(self, path):
+    def save(self, path: PathLike) -> None:
         """Write the table as ``.csv``, ``.h5``, ``.mat``, ``.md`` or ``.txt``.
 
         Raises

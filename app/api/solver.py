@@ -12,9 +12,11 @@ prefix of its own, and only during set-up and solves.
 """
 
 import weakref
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,26 +34,36 @@ from app.api.solution import Solution, fingerprint
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.numba_cache import clock, report_compilation
 from app.base.petsc import Resources, mpi_comm, synchronized
+from app.base.types import AnyComm, Length, Method, Options
 from app.base.usage import usage
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
-from app.contact.history import History, Monitor
+from app.contact.history import History, Listener, Monitor
 from app.contact.loading_input import USAGE
 from app.contact.tilting_input import create_loading, single_path
 from app.methods.strategy import STRATEGIES, allows_lists, check_single, make_strategy
 from app.multigrid.hierarchy import Hierarchy, check_memory
-from app.options.method import drop_unused
+from app.options.method import Settings, drop_unused
 from app.options.option_table import describe_unknown_options, format_options
 from app.options.solver_options import SolverOptions
 from app.parallel import mpi_abort
 from app.parallel.communicator import Communicator
 from app.parallel.reductions import minimum_over
+from app.problems.problem import Problem
 
 
 @usage(f"solve(problem, {USAGE}")
-def solve(problem, *, method=None, options=None, comm=None, start=None, **loading):
+def solve(
+    problem: Problem,
+    *,
+    method: Method = None,
+    options: Options = None,
+    comm: AnyComm = None,
+    start: Solution | None = None,
+    **loading: Length | None,
+) -> Solution:
     """Solve a contact problem. Collective; raises the errors of `ContactSolver` and its `solve`.
 
     Parameters
@@ -126,8 +138,22 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         If an argument is not allowed, or there is not enough memory. Raised before any work, on all ranks.
     """
 
+    settings: Settings
+    options: SolverOptions
+    setup_seconds: float
+    touching: float
+    hierarchy: Hierarchy
+
     @synchronized
-    def __init__(self, problem, method=None, options=None, comm=None, prefix=None, listeners=()):
+    def __init__(
+        self,
+        problem: Problem,
+        method: Method = None,
+        options: Options = None,
+        comm: AnyComm = None,
+        prefix: str | None = None,
+        listeners: Sequence[Listener] = (),
+    ) -> None:
         started, comm = clock(), mpi_comm(comm)
         self._made_by = method, options, comm, None, listeners
         self._resources, self._distances = Resources(), []
@@ -226,13 +252,13 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             self._resources.remove(distance)
 
     @property
-    def ksp(self):
+    def ksp(self) -> Any:
         """Linear solver (KSP) on the target grid, or None."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
     @usage(f"solver.solve({USAGE}")
     @synchronized
-    def solve(self, *, start=None, **loading):
+    def solve(self, *, start: Solution | None = None, **loading: Length | None) -> Solution:
         """Solve for a prescribed quantity.
 
         Parameters
@@ -314,7 +340,14 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             finally:
                 state.destroy()
 
-    def path(self, stiffness=False, rows=(), progress=False, flow=False, **loadings):
+    def path(
+        self,
+        stiffness: bool = False,
+        rows: Iterable[Mapping[str, Any]] = (),
+        progress: bool = False,
+        flow: bool = False,
+        **loadings: Iterable[Length] | None,
+    ) -> LoadPath:
         """Solve for many loads, one after the other.
 
         Parameters
@@ -343,14 +376,14 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         return LoadPath(self, kind, numbers, stiffness, rows, progress, flow, tilting)
 
     @synchronized
-    def check(self, **loading):
+    def check(self, **loading: Length | None) -> None:
         """Raise InputError for a loading that is not allowed."""
         self._check_open()
         check_equal_on_ranks(self.comm, loading, "loading")
         self._strategy.check_loading(self._make_loading(loading), self._largest)
 
     @synchronized
-    def update(self, problem):
+    def update(self, problem: Problem) -> None:
         """Replace the problem; grid and material stay the same.
 
         Solutions of the old problem stay valid, and one may be the `start` of a solve. Raises InputError for another
@@ -444,15 +477,15 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             comm=self._outer_comm,
         )
 
-    def close(self):
+    def close(self) -> None:
         """Free grids and solvers; solutions stay valid. Collective."""
         self._finalizer()
 
     def __reduce__(self):
         raise TypeError("a ContactSolver cannot be pickled; its problem can, and solutions")
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error):
+    def __exit__(self, *error: object) -> None:
         self.close()

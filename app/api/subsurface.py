@@ -7,12 +7,15 @@ import numpy as np
 from app.base.errors import InputError
 from app.halfspace.stress.layered import LayeredStress
 from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, is_largest, von_mises
+from app.io.contact_fields import ContactFields
 from app.io.result import find_layer, find_poisson_ratio
 
 _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 
 
-def stress(solution, poisson_ratio=None, body=None):
+def stress(
+    solution: ContactFields, poisson_ratio: float | None = None, body: int | None = None
+) -> SubsurfaceStress:
     """Return the stress in a body, from the pressure of a solution.
 
     If the solution is on several ranks, call this function on one rank with ``solution.gather()``.

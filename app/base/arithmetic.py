@@ -1,6 +1,7 @@
 """numpy's handling of overflow, underflow and NaN."""
 
 from functools import wraps
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +15,10 @@ def default_arithmetic():
     return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
 
 
-def in_default_arithmetic(function):
+_Function = TypeVar("_Function")
+
+
+def in_default_arithmetic(function: _Function) -> _Function:
     """Decorate a function to run in `default_arithmetic`."""
 
     @wraps(function)

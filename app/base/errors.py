@@ -22,7 +22,7 @@ class InputError(ValueError):
     automatically. A long text with blanks counts as several words, so shorten such a text by `shorten`.
     """
 
-    def __init__(self, message=""):
+    def __init__(self, message: object = "") -> None:
         def shorter(word):
             return shorten(word[0], MAX_PATH if "/" in word[0] else MAX_WORD)
 

@@ -15,6 +15,7 @@ import threading
 import traceback
 from contextlib import suppress
 from functools import cache, wraps
+from typing import TypeVar
 
 import numpy as np
 from petsc4py import PETSc
@@ -102,9 +103,10 @@ def collect_garbage(comm=PETSc.COMM_SELF):
 
 
 _LOCK = threading.RLock()
+_Function = TypeVar("_Function")
 
 
-def synchronized(function):
+def synchronized(function: _Function) -> _Function:
     """Decorate a function so that one thread at a time runs it.
 
     The function runs in default arithmetic, and in a folder that exists.

@@ -1,10 +1,14 @@
 """Examples of correct calls, shown in error messages."""
 
+from collections.abc import Callable
 from functools import wraps
 from inspect import signature
+from typing import TypeVar
+
+_Target = TypeVar("_Target")
 
 
-def usage(example):
+def usage(example: str) -> Callable[[_Target], _Target]:
     """Decorate a function or class with an example of a correct call.
 
     The example is added to the message of a TypeError about the arguments.

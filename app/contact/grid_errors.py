@@ -85,7 +85,7 @@ class GridErrors(NamedTuple):
         return GridErrors(load, approach, pressure, _limit(self.contact_area_error + edge + scatter))
 
     @property
-    def largest(self):
+    def largest(self) -> float:
         """The largest known error; NaN if none is known."""
         return self.largest_of(ESTIMATED)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from app.base.errors import format_distinct, format_exact
 from app.base.numba_cache import clock
@@ -17,20 +17,20 @@ class Listener:
 
     needs_fields = True
 
-    def begin(self, settings):
+    def begin(self, settings: Any) -> None:
         """Handle a solve's start on all ranks; ``settings.rtol`` is -lcp_rtol."""
 
-    def start(self, state, level):
+    def start(self, state: Any, level: int) -> None:
         """Handle a grid's start; ``state.contact`` may be empty."""
 
-    def iteration(self, entry, state):
+    def iteration(self, entry: dict[str, Any], state: Any) -> None:
         """Handle an active set iteration: its history entry and the state.
 
         The state always has ``grid``, ``contact`` and ``p``. With the default method of periodic patches, it has no
         ``u`` before the end, and only the entry has the approach.
         """
 
-    def end(self):
+    def end(self) -> None:
         """Handle the end of a solve."""
 
 
@@ -69,8 +69,8 @@ class History:
     grids and windows of which this rank has no rows.
     """
 
-    listeners: list = field(default_factory=list)
-    entries: list = field(default_factory=list)
+    listeners: list[Listener] = field(default_factory=list)
+    entries: list[dict[str, Any]] = field(default_factory=list)
 
     def start(self, state, solver):
         """Start a grid's record, and call the listeners."""

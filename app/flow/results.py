@@ -3,10 +3,13 @@
 The module can be imported without MPI or numba.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from app.base.types import Floats
 
 _OF_BOTH = "percolates", "transmissivity", "hydraulic_aperture"  # directions
 FLOW_NUMBERS = (*(f"{name}_{along}" for name in _OF_BOTH for along in "xy"), "flow_error")  # of a result file
@@ -31,27 +34,27 @@ class DirectedFlow:
 
     lower: float
     upper: float
-    fluid_pressure: np.ndarray
-    flux_x: np.ndarray
-    flux_y: np.ndarray
+    fluid_pressure: Floats
+    flux_x: Floats
+    flux_y: Floats
 
     @property
-    def percolates(self):
+    def percolates(self) -> bool:
         """Whether the open cells connect the sides of the patch."""
         return self.upper > 0
 
     @property
-    def transmissivity(self):
+    def transmissivity(self) -> float:
         """Middle of the bounds [mm3]."""
         return (self.lower + self.upper) / 2
 
     @property
-    def hydraulic_aperture(self):
+    def hydraulic_aperture(self) -> float:
         """Uniform gap with the same transmissivity [mm]."""
         return float(np.cbrt(12 * self.transmissivity))
 
     @property
-    def error(self):
+    def error(self) -> float:
         """Proved relative error of the transmissivity."""
         return (self.upper - self.lower) / (self.upper + self.lower) if self.percolates else 0.0
 
@@ -83,7 +86,7 @@ class Flow(NamedTuple):
     x: DirectedFlow
     y: DirectedFlow
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         """Return a number of one direction, or a field of ``x``."""
         quantity, _, direction = name.rpartition("_")
         if name in FLOW_FIELDS:
@@ -93,15 +96,15 @@ class Flow(NamedTuple):
         raise AttributeError(f"this flow has no {name}")
 
     @property
-    def flow_error(self):
+    def flow_error(self) -> float:
         """Proved relative error of the transmissivities."""
         return max(self.x.error, self.y.error)
 
-    def select(self, names):
+    def select(self, names: Iterable[str]) -> dict[str, Any]:
         """Return a dict of `FLOW_NUMBERS` or `FLOW_FIELDS`."""
         return {name: getattr(self, name) for name in names}
 
-    def map_fields(self, function):
+    def map_fields(self, function: Callable[[Floats], Floats]) -> "Flow":
         """Return a copy with a function applied to all fields."""
         fields = ({name: function(getattr(flow, name)) for name in FLOW_FIELDS} for flow in self)
         return Flow(*(replace(flow, **mapped) for flow, mapped in zip(self, fields, strict=True)))

@@ -14,14 +14,17 @@ patches; the last coarse cell has one child. The coarse grid begins half a fine 
 coarse cell is at most half a fine cell from the middle of its children.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from operator import index
+from typing import Self
 
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.base.types import Floats, Length
 from app.base.units import to_length
 from app.base.usage import usage
 
@@ -97,7 +100,7 @@ class Grid:
 
     @classmethod
     @usage("Grid.from_domain(128, 128, (-1, 1, -1, 1)): cells in x and y; x0, x1, y0, y1 [mm]")
-    def from_domain(cls, nx, ny, domain, periodic=False):
+    def from_domain(cls, nx: int, ny: int, domain: Sequence[Length], periodic: bool | str = False) -> Self:
         """Divide a patch ``(x0, x1, y0, y1)`` into cells.
 
         `periodic` is True, False, one of `SYMBOLS`, or one of `ONE_WAY`. Raises InputError for invalid numbers.
@@ -114,47 +117,47 @@ class Grid:
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
 
     @cached_property
-    def symbol(self):
+    def symbol(self) -> str:
         """Name of the symbol of a patch periodic in x and y, else empty."""
         return self.periodic if self.doubly_periodic else ""
 
     @cached_property
-    def doubly_periodic(self):
+    def doubly_periodic(self) -> bool:
         """Whether the patch is periodic in x and in y."""
         return self.periodic in SYMBOLS
 
     @cached_property
-    def one_way(self):
+    def one_way(self) -> str:
         """Direction of a patch periodic in one direction, else empty."""
         return self.periodic if self.periodic in ONE_WAY else ""
 
     @cached_property
-    def repeats(self):
+    def repeats(self) -> tuple[bool, bool]:
         """Whether the patch repeats, in y and in x."""
         return repeats_in(self.periodic)
 
     @cached_property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """Shape ``(ny, nx)`` of a field on this grid."""
         return self.ny, self.nx
 
     @cached_property
-    def n(self):
+    def n(self) -> int:
         """Number of cells."""
         return self.nx * self.ny
 
     @cached_property
-    def cell_area(self):
+    def cell_area(self) -> float:
         """Area of a cell [mm2]."""
         return self.dx * self.dy
 
     @cached_property
-    def sides(self):
+    def sides(self) -> tuple[float, float]:
         """Lengths of the patch in x and in y [mm]."""
         return self.nx * self.dx, self.ny * self.dy
 
     @property
-    def widest_cell(self):
+    def widest_cell(self) -> float:
         """Largest cell side [mm], ignoring repeated directions with one cell.
 
         In such a direction the pressure does not vary.
@@ -163,33 +166,33 @@ class Grid:
         return max(side if n > 1 or not repeats else 0.0 for side, n, repeats in sides)
 
     @property
-    def domain(self):
+    def domain(self) -> tuple[float, float, float, float]:
         """The patch as x0, x1, y0, y1 [mm]."""
         width, height = self.sides
         return self.x0, self.x0 + width, self.y0, self.y0 + height
 
     @property
-    def area(self):
+    def area(self) -> float:
         """Area of the patch [mm2]."""
         return self.n * self.cell_area
 
-    def x(self):
+    def x(self) -> Floats:
         """Return cell centres in x, shape ``(nx,)`` [mm]."""
         return self.x0 + (np.arange(self.nx) + 0.5) * self.dx
 
-    def y(self, rows=slice(None)):
+    def y(self, rows: slice = slice(None)) -> Floats:
         """Return cell centres in y [mm], by default all."""
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
-    def refine(self):
+    def refine(self) -> Self:
         """Return the grid with cells of half the size."""
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
-    def coarsening(self, coarsest=4):
+    def coarsening(self, coarsest: int = 4) -> tuple[int, ...]:
         """Return ``(fy, fx)``: 2 in directions of more than `coarsest` cells, else 1."""
         return tuple(2 if n > coarsest else 1 for n in self.shape)
 
-    def coarsen(self, coarsest=4):
+    def coarsen(self, coarsest: int = 4) -> Self | None:
         """Return the next coarser grid.
 
         Directions of at most `coarsest` cells are not coarsened. Return None if neither direction is coarsened.
@@ -208,7 +211,7 @@ class Grid:
         ny, dy, y0 = halve(self.ny, self.dy, self.y0, in_y)
         return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
 
-    def places_in(self, coarse):
+    def places_in(self, coarse: "Grid") -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the positions of this grid's cell centres in a coarser grid.
 
         The positions are given by two pairs (a, b), the first for y and the second for x. The centre of cell j is

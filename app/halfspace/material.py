@@ -1,13 +1,15 @@
 """Elastic constants of the two bodies (paper, Sec. 2.2)."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from typing import Any, Self
 
 import numpy as np
 
 from app.base.errors import InputError, format_exact, to_float
+from app.base.types import Length
 from app.base.units import to_length
 from app.base.usage import usage
 from app.halfspace.creep import CreepFunction
@@ -57,15 +59,15 @@ class Material:
 
     shear_modulus: float
     poisson_ratio: float
-    bodies: Mapping | None = field(default=None, init=False, compare=False)
-    resistivity: tuple | None = field(default=None, init=False, compare=False)
-    thermal_conductivity: tuple | None = field(default=None, init=False, compare=False)
+    bodies: Mapping[str, tuple[float, float]] | None = field(default=None, init=False, compare=False)
+    resistivity: tuple[float, float] | None = field(default=None, init=False, compare=False)
+    thermal_conductivity: tuple[float, float] | None = field(default=None, init=False, compare=False)
     coatings: tuple[Layer, ...] = field(default=(), init=False)
     own_kernel: Kernel | None = field(default=None, init=False)
     creep: CreepFunction | None = field(default=None, init=False, compare=False)
-    relaxation: Mapping | None = field(default=None, init=False, compare=False)
+    relaxation: Mapping[str, Any] | None = field(default=None, init=False, compare=False)
 
-    def __init__(self, *, shear_modulus, poisson_ratio):
+    def __init__(self, *, shear_modulus: float, poisson_ratio: float) -> None:
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
             object.__setattr__(self, name, _real(name.replace("_", " "), value))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
@@ -102,13 +104,13 @@ class Material:
         return f"Material{made}"
 
     @classmethod
-    def combined(cls, shear_modulus, poisson_ratio):
+    def combined(cls, shear_modulus: float, poisson_ratio: float) -> Self:
         """Make the material from combined G and nu; see the parameters of `Material`."""
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
     @usage("Material.isotropic(E, nu), of two materials Material.pair((E1, E2), (nu1, nu2))")
-    def isotropic(cls, young, poisson):
+    def isotropic(cls, young: float, poisson: float) -> Self:
         """Make the material of two bodies that consist of the same material.
 
         `young`: E of each body [N/mm2]; `poisson`: nu of each body, from 0 to 0.5.
@@ -124,7 +126,7 @@ class Material:
 
     @classmethod
     @usage("Material.pair((E1, E2), (nu1, nu2)), of equal bodies Material.isotropic(E, nu)")
-    def pair(cls, young, poisson):
+    def pair(cls, young: Sequence[float], poisson: Sequence[float]) -> Self:
         """Make the material from Young's moduli and Poisson's ratios of both bodies.
 
         `young`: E1, E2 [N/mm2], inf for a rigid body; `poisson`: nu1, nu2, each from 0 to 0.5, ignored for a rigid
@@ -155,7 +157,7 @@ class Material:
         return pair._made_from(young=young, poisson=poisson)
 
     @classmethod
-    def from_contact_modulus(cls, contact_modulus):
+    def from_contact_modulus(cls, contact_modulus: float) -> Self:
         """Make the material from the modulus E* [N/mm2].
 
         Examples
@@ -172,7 +174,13 @@ class Material:
     @usage(
         "Material.coated((E_coat, E_substrate), (nu_coat, nu_substrate), thickness, other=(E, nu) or a coated body)"
     )
-    def coated(cls, young, poisson, thickness, other=None):
+    def coated(
+        cls,
+        young: Sequence[float],
+        poisson: Sequence[float],
+        thickness: Length,
+        other: Sequence[float] | Self | None = None,
+    ) -> Self:
         """Make the material of a coated body and of another one.
 
         The coating is bonded to its substrate.
@@ -217,7 +225,13 @@ class Material:
 
     @classmethod
     @usage("Material.layer(E, nu, thickness, other=(E, nu))")
-    def layer(cls, young, poisson, thickness, other=None):
+    def layer(
+        cls,
+        young: float,
+        poisson: float,
+        thickness: Length,
+        other: Sequence[float] | Self | None = None,
+    ) -> Self:
         """Make the material of a layer on a rigid base.
 
         `young` E [N/mm2] and `poisson` nu describe the layer. `thickness` and the other body, `other`, are as in
@@ -231,7 +245,7 @@ class Material:
         return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
 
     @classmethod
-    def from_kernel(cls, kernel):
+    def from_kernel(cls, kernel: Kernel) -> Self:
         """Make the material of two bodies from their `app.halfspace.kernel.Kernel`.
 
         Estimates and notes use the contact modulus of the kernel's `compliance`.
@@ -250,7 +264,11 @@ class Material:
         object.__setattr__(self, "bodies", bodies)
         return self
 
-    def conducting(self, resistivity=None, thermal_conductivity=None):
+    def conducting(
+        self,
+        resistivity: float | Sequence[float] | None = None,
+        thermal_conductivity: float | Sequence[float] | None = None,
+    ) -> Self:
         """Return a copy with constants for the conductance.
 
         Parameters
@@ -292,7 +310,9 @@ class Material:
             object.__setattr__(copied, name, tuple(pair.tolist()))
         return copied
 
-    def viscoelastic(self, times, moduli, body=None):
+    def viscoelastic(
+        self, times: float | Sequence[float], moduli: float | Sequence[float], body: int | None = None
+    ) -> Self:
         """Return a copy whose bodies relax, for `ContactSolver.creep`.
 
         The moduli of the material are the instantaneous ones. Poisson's ratios do not change with time.
@@ -345,16 +365,16 @@ class Material:
         return copied
 
     @property
-    def is_half_space(self):
+    def is_half_space(self) -> bool:
         """True if one modulus E* describes the bodies: they are isotropic half-spaces."""
         return not self.coatings and self.own_kernel is None
 
     @property
-    def is_conducting(self):
+    def is_conducting(self) -> bool:
         """True if the material has constants for the conductance."""
         return self.resistivity is not None or self.thermal_conductivity is not None
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return E* and the constants given by the user.
 
         Bodies that are no half-spaces have no E*. Of coated bodies `young` and `poisson` describe the substrates, and
@@ -375,7 +395,7 @@ class Material:
         return pair | bodies | {"contact_modulus": self.contact_modulus} | constants | (self.relaxation or {})
 
     @property
-    def compliance(self):
+    def compliance(self) -> float:
         """Compliance (1 - nu) / (pi G) [mm2/N].
 
         A point force displaces the surface at a distance by compliance times force divided by distance.
@@ -383,7 +403,7 @@ class Material:
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 
     @property
-    def kernel(self):
+    def kernel(self) -> Kernel:
         """Kernel of the influence matrix; see `app.halfspace.kernel`."""
         if self.own_kernel is not None:
             return self.own_kernel
@@ -394,7 +414,7 @@ class Material:
         return LayeredKernel(self.coatings, other)
 
     @property
-    def contact_modulus(self):
+    def contact_modulus(self) -> float:
         """Contact modulus E* = G / (1 - nu) [N/mm2].
 
         With coatings, this is E* for waves much shorter than the coatings are thick.

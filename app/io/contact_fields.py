@@ -4,15 +4,17 @@ The module can be imported without MPI or numba.
 """
 
 from numbers import Integral
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.quantities import QUANTITIES
+from app.base.types import Axes, DataFrame, Dataset, Figure, Floats
 from app.base.units import format_quantity
-from app.flow.results import FLOW_FIELDS, FLOW_NUMBERS
+from app.flow.results import FLOW_FIELDS, FLOW_NUMBERS, Flow
+from app.halfspace.grid import Grid
 from app.io.frames import to_dataframe, to_xarray
 from app.options.option_table import USUAL_NAMES, find_similar_name
 from app.problems.residual_surface import ResidualSurface
@@ -82,14 +84,14 @@ class Patches(NamedTuple):
 
     labels: np.ndarray
     cells: np.ndarray
-    area: np.ndarray
-    load: np.ndarray
-    max_pressure: np.ndarray
-    centre_x: np.ndarray
-    centre_y: np.ndarray
-    grid: object = None
+    area: Floats
+    load: Floats
+    max_pressure: Floats
+    centre_x: Floats
+    centre_y: Floats
+    grid: Grid | None = None
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> DataFrame:
         """Return a pandas.DataFrame with a row for each spot.
 
         The units are in its ``attrs["units"]``.
@@ -133,11 +135,11 @@ class ContactFields:
     def _repr_html_(self):
         return views.load().solution_html(self)
 
-    def summary(self):
+    def summary(self) -> str:
         """Return the text app.solve prints on a solution. Collective."""
         return views.load().summarize(self)
 
-    def plot(self, name=None, ax=None):
+    def plot(self, name: str | None = None, ax: Axes | None = None) -> tuple[Figure, Any]:
         """Draw a picture of these fields, chosen by `name`.
 
         On several ranks, call the method `plot` of ``solution.gather()`` on one rank.
@@ -157,14 +159,14 @@ class ContactFields:
         """
         return views.load().plot_solution(self, name, ax)
 
-    def to_xarray(self):
+    def to_xarray(self) -> Dataset:
         """Return an xarray.Dataset of the fields' local rows.
 
         The ``attrs`` of each field have its unit.
         """
         return to_xarray(self)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         """Return a number or text of the result by its name.
 
         Both its name in the result file and its name in `Solution` are accepted.
@@ -193,7 +195,7 @@ class ContactFields:
         known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
 
-    def flow(self):
+    def flow(self) -> Flow:
         """Solve for the flow of a fluid through the gap. Collective.
 
         No fluid flows through cells in contact, and through cells where contact is impossible. The flow is computed
@@ -220,7 +222,7 @@ class ContactFields:
                 warn_caller(f"flow: the proved relative error of the transmissivities is {error:.2g}")
         return computed["flow"]
 
-    def residual_surface(self):
+    def residual_surface(self) -> ResidualSurface:
         """Return the permanent indentation as a surface. Collective.
 
         To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
@@ -247,7 +249,7 @@ class ContactFields:
         """Return a field's rows of all ranks."""
         return local  # this rank has all rows
 
-    def patches(self):
+    def patches(self) -> Patches:
         """Return cells, area, load and centre of each contact spot. Collective.
 
         Returns
@@ -291,7 +293,7 @@ class ContactFields:
             grid,
         )
 
-    def contact_patches(self):
+    def contact_patches(self) -> Floats:
         """Return the areas of the contact spots, largest first [mm2]. Collective."""
         _, cells = self._connected_sets()
         return np.sort(cells)[::-1] * self.grid.cell_area
@@ -302,12 +304,12 @@ class ContactFields:
 
         return label_connected_sets(self.contact, self.grid.periodic, self.slabs, self.comm)
 
-    def count_patches(self):
+    def count_patches(self) -> dict[str, int | float]:
         """Return number and largest area of contact spots, a dict. Collective."""
         areas = self.contact_patches()
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
-    def distribution(self, name, bins=100, logarithmic=False):
+    def distribution(self, name: str, bins: int = 100, logarithmic: bool = False) -> tuple[Floats, Floats]:
         """Return the distribution of pressures or gaps. Collective.
 
         Counted are the positive pressures in contact, or the positive gaps outside contact.

@@ -11,6 +11,7 @@ import os
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from app.base import hdf5 as h5py
 from app.base.errors import InputError, check_type, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES
+from app.base.types import Floats, Mask, PathLike
+from app.halfspace.grid import Grid
 from app.io.contact_fields import ContactFields
 
 FIELDS = {
@@ -78,35 +81,35 @@ class Result(ContactFields):
         Cells at the hardness, and permanent indentation; None without a hardness.
     """
 
-    pressure: np.ndarray
-    gap: np.ndarray
-    displacement: np.ndarray
-    undeformed_distance: np.ndarray
-    contact: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    attributes: dict
-    history: dict
-    extra: dict = field(default_factory=dict)
-    units: dict = field(default_factory=dict)
-    path: dict = field(default_factory=dict)
-    plastic: np.ndarray | None = None
-    plastic_depth: np.ndarray | None = None
+    pressure: Floats
+    gap: Floats
+    displacement: Floats
+    undeformed_distance: Floats
+    contact: Mask
+    x: Floats
+    y: Floats
+    attributes: dict[str, Any]
+    history: dict[str, np.ndarray]
+    extra: dict[str, np.ndarray] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    path: dict[str, np.ndarray] = field(default_factory=dict)
+    plastic: Mask | None = None
+    plastic_depth: Floats | None = None
 
     slabs = comm = None  # this rank has all rows
 
     @property
-    def error_bound(self):
+    def error_bound(self) -> float:
         """Proved bound of the relative error of the pressure, NaN if unknown."""
         return self.attributes.get("error_bound", np.nan)
 
     @property
-    def notes(self):
+    def notes(self) -> tuple[str, ...]:
         """Warnings about units, grid or theory, one text each."""
         return tuple(self.attributes.get("notes", "").splitlines())
 
     @property
-    def grid(self):
+    def grid(self) -> Grid:
         """`Grid` of the result's cells."""
         return make_grid(self.x, self.y, self.attributes)
 
@@ -116,8 +119,6 @@ def make_grid(x, y, attributes):
 
     In a direction with a single cell, the attribute `cell_size` has the size of the cell.
     """
-    from app.halfspace.grid import Grid
-
     domain = []
     for centres, size in zip((x, y), attributes.get("cell_size", (1.0, 1.0)), strict=True):
         half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
@@ -126,7 +127,7 @@ def make_grid(x, y, attributes):
     return Grid.from_domain(x.size, y.size, domain, periodic if isinstance(periodic, str) else "")
 
 
-def read_result(path):
+def read_result(path: PathLike) -> Result:
     """Read a result file, with all rows.
 
     Parameters

@@ -1,11 +1,14 @@
 """Contact problem: a base shape with rough surfaces."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass, replace
 from itertools import chain, count
+from typing import Any
 
 import numpy as np
 
 from app.base.errors import InputError
+from app.base.types import ArrayLike, Floats
 from app.base.units import format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import Grid
@@ -21,7 +24,8 @@ from app.problems.arrays import (
 )
 from app.problems.problem import Problem
 from app.problems.residual_surface import ResidualSurface
-from app.problems.shapes import Plane
+from app.problems.shapes import Plane, Shape
+from app.reference.base import NormalContact
 
 
 class _SampledOrFunction:
@@ -114,11 +118,11 @@ class ContactProblem(Problem):
     True
     """
 
-    gap: object = None
+    gap: ArrayLike | Callable[[Floats, Floats], ArrayLike] | Problem | Shape | None = None
     periodic: InitVar[bool | str | None] = None
-    surfaces: tuple = ()
-    hardness: object = None
-    background_pressure: object = None
+    surfaces: Sequence[Any] = ()
+    hardness: ArrayLike | None = None
+    background_pressure: ArrayLike | None = None
     surface_compliance: float = 0.0
 
     name = "given"
@@ -193,28 +197,28 @@ class ContactProblem(Problem):
         return self.shape, *self.surfaces
 
     @property
-    def sampled(self):
+    def sampled(self) -> bool:
         """True if coarse grids average the gap instead of evaluating it."""
         return any(part.sampled for part in self._parts)
 
     @property
-    def refinable(self):
+    def refinable(self) -> bool:
         """True if gap and surfaces exist on finer grids."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
         return parts and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
 
     @property
-    def indentation(self):
+    def indentation(self) -> Floats | None:
         """Depth of the residual surfaces [mm], shape (ny, nx), or None."""
         depths = [surface.depth for surface in self.surfaces if isinstance(surface, ResidualSurface)]
         return sum(depths[1:], depths[0]) if depths and self.hardness is not None else None
 
     @property
-    def notes(self):
+    def notes(self) -> tuple[str, ...]:
         """Warnings about gap and surfaces for the user, one line each."""
         return tuple(note for part in self._parts for note in getattr(part, "notes", ()))
 
-    def shape_on(self, grid, rows=slice(None)):
+    def shape_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return the gap minus the surfaces' heights; see `Problem.shape_on`."""
         distance = self.shape.shape_on(grid, rows)
         if self.surfaces:
@@ -223,7 +227,7 @@ class ContactProblem(Problem):
                 distance -= surface.heights_on(grid, rows)
         return distance
 
-    def reference(self, approach):
+    def reference(self, approach: float) -> NormalContact | None:
         """Return the analytic solution, None if unknown.
 
         The analytic solution is known for some smooth shapes on half-spaces, if the patch is not periodic and there is
@@ -235,11 +239,11 @@ class ContactProblem(Problem):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 
-    def measure(self, solution):
+    def measure(self, solution: Any) -> dict[str, Any]:
         """Return more numbers of a Solution, those of the shape."""
         return self.shape.measure(solution) if hasattr(self.shape, "measure") else {}
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return data on gap, material, surfaces for result files."""
         own = self.shape.describe()
         if isinstance(self.shape, Problem):  # its material and patch are not used

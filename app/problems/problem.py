@@ -7,15 +7,19 @@ holes in measured data.
 
 from copy import copy
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from app.base.errors import InputError
+from app.base.types import Floats
 from app.halfspace.compliant_kernel import CompliantKernel
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import Kernel
 from app.halfspace.material import Material
 from app.halfspace.one_way_kernel import patch_kernel
 from app.problems.arrays import check_size, real_numbers
+from app.reference.base import NormalContact
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,15 @@ class Problem:
 
     name = ""
     sampled = False
-    hardness = None  # largest pressure [N/mm2], a number or an array of shape (ny, nx); None: no limit
+    # Largest and least pressure [N/mm2], numbers or arrays of shape (ny, nx); None: no limit, and 0.
+    hardness = None  # type: Any
+    background_pressure = None  # type: Any
     surface_compliance = 0.0  # displacement of a cell by its own pressure [mm / (N/mm2)]
-    background_pressure = None  # least pressure [N/mm2], a number or an array of shape (ny, nx); None: 0
-    indentation = None  # permanent, of earlier loads [mm], an array of shape (ny, nx); None without one
-    notes = ()  # doubts for the user, one line each
+    # Permanent indentation of earlier loads [mm], an array of shape (ny, nx); None without one.
+    indentation = None  # type: Floats | None
+    notes = ()  # type: tuple[str, ...]  # doubts for the user, one line each
 
-    def shape_on(self, grid, rows=slice(None)):
+    def shape_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return the undeformed distance of the cells in `rows`.
 
         The array of shape (rows, nx) has the distance in cell centres at zero approach [mm], NaN where contact is
@@ -44,42 +50,42 @@ class Problem:
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
-    def fits(self, other):
+    def fits(self, other: object) -> bool:
         """Return whether a problem has equal grid, material and surface compliance."""
         same = isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
         return same and other.surface_compliance == self.surface_compliance
 
     @property
-    def kernel(self):
+    def kernel(self) -> Kernel:
         """Kernel of the bodies on this patch."""
         kernel = patch_kernel(self.material.kernel, self.grid)
         return CompliantKernel(kernel, self.surface_compliance) if self.surface_compliance else kernel
 
     @property
-    def periodic(self):
+    def periodic(self) -> str:
         """`periodic` of the grid, see `Grid`."""
         return self.grid.periodic
 
     @property
-    def refinable(self):
+    def refinable(self) -> bool:
         """True if the shape exists on finer grids."""
         return not self.sampled and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
 
-    def on(self, grid):
+    def on(self, grid: Grid) -> Self:
         """Return the same problem on the grid `grid`."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
 
-    def reference(self, approach):
+    def reference(self, approach: float) -> NormalContact | None:
         """Return the analytic solution, None if unknown."""
         return None
 
-    def measure(self, solution):
+    def measure(self, solution: Any) -> dict[str, Any]:
         """Return more numbers of a `Solution` by name, for its attributes and files. Collective."""
         return {}
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return names and values that describe the problem in result files."""
         return {
             "problem": self.name,

@@ -4,16 +4,20 @@ All ranks evaluate the same function. On coarse grids a `WavySurface` is evaluat
 grid (Sec. 5.2). A `SelfAffineSurface` is averaged instead, because its short waves would be aliased.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 import scipy.fft
 
 from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
+from app.base.types import ArrayLike, Floats, Length
 from app.base.units import to_length
+from app.halfspace.grid import Grid
 from app.problems.arrays import lattice
 from app.reference.base import require_numbers
 
@@ -52,7 +56,7 @@ class _Function:
 
     sampled = False
 
-    def heights_on(self, grid, rows=slice(None)):
+    def heights_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return heights of the cells in `rows` of a grid [mm]."""
         return self.height(grid.x(), grid.y(rows))
 
@@ -114,7 +118,7 @@ class WavySurface(_Function):
         check_fits(BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
 
     @cached_property
-    def coefficients(self):
+    def coefficients(self) -> tuple[Floats, Floats, Floats]:
         """Amplitudes [mm] and both phases of the M x N waves."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
@@ -128,25 +132,25 @@ class WavySurface(_Function):
         """Wave numbers of M waves in x and N in y [1/mm]."""
         return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return the parameters by option names, for result files."""
         numbers = {f"surface_{name}": getattr(self, name) for name in ("seed", "sigma", "decay")}
         return {**numbers, "surface_modes": list(self.modes)}
 
     @property
-    def rms_height(self):
+    def rms_height(self) -> float:
         """Standard deviation of the height over the patch [mm]."""
         # (6.2)
         return float(np.sqrt(np.sum(self.coefficients[0] ** 2) / 4))
 
     @property
-    def rms_slope(self):
+    def rms_slope(self) -> float:
         """Rms length of the gradient over the patch."""
         qx, qy = self._wave_numbers
         a = self.coefficients[0]
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
-    def height(self, x, y):
+    def height(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
         A value depends on its own x and y only, to the last bit. A value costs O(M + N) operations, because cos(a + b)
@@ -247,16 +251,16 @@ class SelfAffineSurface(_Function):
 
     def __init__(
         self,
-        hurst,
-        rolloff_wavelength,
-        shortest_wavelength,
-        period,
-        seed,
+        hurst: float,
+        rolloff_wavelength: Length,
+        shortest_wavelength: Length,
+        period: Sequence[float],
+        seed: int,
         *,
-        rms_height=None,
-        rms_slope=None,
-        origin=(0.0, 0.0),
-    ):
+        rms_height: Length | None = None,
+        rms_slope: float | None = None,
+        origin: Sequence[float] = (0.0, 0.0),
+    ) -> None:
         rolloff_wavelength = to_length("rolloff_wavelength", rolloff_wavelength)
         shortest_wavelength = to_length("shortest_wavelength", shortest_wavelength)
         if rms_height is not None:
@@ -299,12 +303,12 @@ class SelfAffineSurface(_Function):
     def __repr__(self):
         return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if a grid has too coarse cells or exceeds the period."""
         check_cut_off(grid, self.shortest_wavelength)
         self._check_span(grid.x(), grid.y())
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return the parameters by option names, for result files."""
         return {
             "surface_hurst": self.hurst,
@@ -337,7 +341,7 @@ class SelfAffineSurface(_Function):
             yield columns, power, q
 
     @property
-    def coefficients(self):
+    def coefficients(self) -> np.ndarray:
         """Complex amplitudes ``a_k exp(i phi_k)`` [mm], rows k_y, columns k_x."""
         power = np.hstack([power for _, power, _ in self._strips()])
         return self._factor * np.sqrt(power) * np.exp(2j * np.pi * self._draws())
@@ -359,7 +363,7 @@ class SelfAffineSurface(_Function):
                 draws[largest_y - s, 1:columns] = bottom[: columns - 1]
         return draws
 
-    def height(self, x, y):
+    def height(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
         x and y must span less than a period. If the steps of x and y divide the period into equal parts, as cell

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from app.base.types import Floats
+from app.halfspace.grid import Grid
 from app.problems.arrays import check_shape
 
 
@@ -20,18 +22,18 @@ class ResidualSurface:
 
     sampled = True
 
-    def __init__(self, depth):
+    def __init__(self, depth: Floats) -> None:
         self.depth = depth
 
     def __repr__(self):
         ny, nx = self.depth.shape
         return f"<ResidualSurface: {nx} x {ny} cells, depth up to {self.depth.max():.4g} mm>"
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if a grid's shape is not the indentation's."""
         check_shape("residual surface", self.depth.shape, grid)
 
-    def heights_on(self, grid, rows=slice(None)):
+    def heights_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return heights of the cells in `rows` of a grid [mm].
 
         The grid must be the solution's grid.
@@ -40,6 +42,6 @@ class ResidualSurface:
             raise ValueError("a residual surface is known on its own grid only")
         return np.negative(self.depth[rows])
 
-    def describe(self):
+    def describe(self) -> dict[str, float]:
         """Return the largest depth, for the result file [mm]."""
         return {"residual_depth": float(self.depth.max())}

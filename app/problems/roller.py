@@ -1,10 +1,14 @@
 """Rollers of finite length with a crown."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number
+from app.base.types import ArrayLike, Floats
+from app.halfspace.grid import Grid
 from app.problems.arrays import real_numbers
 from app.problems.shapes import Shape, check_length
 from app.reference.base import require_positive
@@ -57,7 +61,7 @@ class Roller(Shape):
 
     radius: float
     length: float
-    crown: object = "none"
+    crown: str | ArrayLike | Callable[[Floats], ArrayLike] = "none"
     end_chamfer: float = 0.0
     design_load: float | None = None
     contact_modulus: float | None = None
@@ -111,16 +115,18 @@ class Roller(Shape):
         return tuple(map(tuple, table.tolist()))
 
     @property
-    def half_length(self):
+    def half_length(self) -> float:
         """Half the length between the chamfers [mm]."""
         return self.length / 2 - self.end_chamfer
 
-    def line_contact(self, contact_modulus, approach=None, load=None):
+    def line_contact(
+        self, contact_modulus: float, approach: float | None = None, load: float | None = None
+    ) -> LineContact:
         """Return the roller's `LineContact`, without crown."""
         numbers = self.radius, 2 * self.half_length, contact_modulus
         return LineContact.from_approach(*numbers, approach) if load is None else LineContact(*numbers, load)
 
-    def drop(self, y):
+    def drop(self, y: ArrayLike) -> Floats:
         """Return the crown's drop at y [mm]; NaN past the ends."""
         y = np.asarray(y, dtype=float)
         inside = np.where(np.abs(y) <= self.half_length, y, np.nan)
@@ -136,15 +142,15 @@ class Roller(Shape):
         table = np.array(self.crown)
         return np.interp(np.abs(inside) if table[0, 0] >= 0 else inside, *table.T) + 0 * inside
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return x**2 / (2 * self.radius) + self.drop(y) - self.tilt * y
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if a grid is unsuitable, see `check_length`."""
         check_length(grid, "roller", self.length, self.half_length)
 
-    def measure(self, solution):
+    def measure(self, solution: Any) -> dict[str, Any]:
         """Return numbers of a roller by their names, `NUMBERS`. Collective.
 
         The line load is the load over the length between the chamfers [N/mm]. Hertz's line contact has the line
@@ -177,7 +183,7 @@ class Roller(Shape):
             numbers["edge_factor"] = float(at_ends / line.max_pressure)
         return numbers
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return sizes and crown by name, for result files."""
         facts = {"roller_radius": self.radius, "roller_length": self.length}
         table = not (isinstance(self.crown, str) or callable(self.crown))

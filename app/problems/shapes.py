@@ -7,15 +7,19 @@ method `check_grid`, which raises InputError for a grid that does not fit, and a
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 
 from app import reference
 from app.base.errors import InputError, format_distinct, format_exact, is_number
+from app.base.types import ArrayLike, Floats, Length
 from app.base.units import to_length
 from app.base.usage import usage
-from app.reference.base import require_positive
+from app.halfspace.grid import Grid
+from app.reference.base import NormalContact, require_positive
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,14 @@ class Shape:
         for field, label in labels.items():
             object.__setattr__(self, field, to_length(label, getattr(self, field)))
 
-    def shape_on(self, grid, rows=slice(None)):
+    def shape_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return the undeformed distance in `rows`; see `Problem.shape_on`."""
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
-    def analytic(self, contact_modulus, approach=None, load=None):
+    def analytic(
+        self, contact_modulus: float, approach: float | None = None, load: float | None = None
+    ) -> NormalContact | None:
         """Return the analytic solution at an approach or load, None if unknown.
 
         `contact_modulus` is E* [N/mm2].
@@ -47,7 +53,7 @@ class Shape:
             return kind.from_approach(*parameters, contact_modulus, approach)
         return kind.from_load(*parameters, contact_modulus, load)
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return finite sizes by option names, for result files."""
         sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
         return {name: size for name, size in sizes.items() if math.isfinite(size)}
@@ -59,7 +65,7 @@ class Plane(Shape):
 
     name = "rough"
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return np.zeros(np.broadcast(x, y).shape)
 
@@ -92,7 +98,9 @@ class Paraboloid(Shape):
         require_positive(**{label: getattr(self, field) for field, label in labels.items()})
 
     @classmethod
-    def between(cls, radii1, radii2, angle=0.0):
+    def between(
+        cls, radii1: Length | Sequence[Length], radii2: Length | Sequence[Length], angle: float = 0.0
+    ) -> Self:
         """Return the relative paraboloid of two bodies.
 
         `radii1` and `radii2` [mm] are the radii of curvature of each body along its first and second axis, or the one
@@ -125,7 +133,7 @@ class Paraboloid(Shape):
         bodies = (radii1, radii2, float(angle), math.degrees(turn) + 0.0)
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
 
@@ -133,7 +141,7 @@ class Paraboloid(Shape):
     def _solution(self):
         return reference.EllipticHertz, self.rx, self.ry
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return relative radii, and the bodies' if known.
 
         The result file contains them.
@@ -166,12 +174,12 @@ class Sphere(Paraboloid):
 
     name = "sphere"
 
-    def __init__(self, radius):
+    def __init__(self, radius: Length) -> None:
         radius = to_length("radius", radius)
         require_positive(radius=radius)
         super().__init__(radius, radius)
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return the radius and the data of the paraboloid, for result files."""
         return {"sphere_radius": self.rx, **super().describe()}
 
@@ -192,11 +200,11 @@ class Cylinder(Shape):
         if self.length != math.inf:
             require_positive(length=self.length)
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if a grid is unsuitable, see `check_length`."""
         if self.length == math.inf:
             check_strip(grid)
@@ -217,11 +225,11 @@ class Cone(Shape):
             raise InputError(f"angle of the cone {self.angle!r}: must be between 0 and 90 degrees")
 
     @property
-    def slope(self):
+    def slope(self) -> float:
         """Height over radius, the tangent of the angle."""
         return math.tan(math.radians(self.angle))
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return self.slope * np.hypot(x, y)
 
@@ -245,11 +253,11 @@ class FlatPunch(Shape):
         self._read_lengths(diameter="diameter")
         require_positive(diameter=self.diameter)
 
-    def distance(self, x, y):
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at points x, y [mm]."""
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if no cell is under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(

@@ -12,7 +12,9 @@ import scipy.fft
 from scipy.special import ndtri
 
 from app.base.errors import InputError
+from app.base.types import ArrayLike, Floats
 from app.problems.arrays import real_numbers
+from app.problems.surfaces.measured_surface import Surface
 from app.reference.base import require_positive
 
 
@@ -56,8 +58,8 @@ class RadialSpectrum:
         Number of wave vectors in the ring.
     """
 
-    wave_number: np.ndarray
-    density: np.ndarray
+    wave_number: Floats
+    density: Floats
     count: np.ndarray
 
 
@@ -75,8 +77,8 @@ class NormalPlot:
         Correlation coefficient of quantiles and heights; NaN for a flat surface.
     """
 
-    quantile: np.ndarray
-    height: np.ndarray
+    quantile: Floats
+    height: Floats
     correlation: float
 
 
@@ -95,7 +97,7 @@ def _check_cells(height, least, **sizes):
     return height
 
 
-def roughness(height, dx=None, dy=None):
+def roughness(height: ArrayLike | Surface, dx: float | None = None, dy: float | None = None) -> Roughness:
     """Return the `Roughness` of heights in cells of dx x dy [mm].
 
     The heights have the shape (ny, nx), at least 2 x 2. Instead of heights, dx and dy, a `Surface` with known cells may
@@ -116,7 +118,7 @@ def roughness(height, dx=None, dy=None):
     return Roughness(*map(float, (*moments, np.abs(deviation).mean(), maximum)))
 
 
-def radial_spectrum(height, dx, dy, window=False):
+def radial_spectrum(height: ArrayLike, dx: float, dy: float, window: bool = False) -> RadialSpectrum:
     """Return the `RadialSpectrum` of heights in cells of dx x dy [mm].
 
     The heights have the shape (ny, nx), at least 4 x 4. A ring is as wide as the larger spacing of the wave vectors in
@@ -142,7 +144,7 @@ def radial_spectrum(height, dx, dy, window=False):
     return RadialSpectrum(q_sum / count, density_sum / count, count)
 
 
-def normal_plot(height):
+def normal_plot(height: ArrayLike) -> NormalPlot:
     """Return the `NormalPlot` of at least 2 heights [mm].
 
     Fig. 12(d) of the paper is such a plot.

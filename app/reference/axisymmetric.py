@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.base.types import ArrayLike, Floats
 from app.reference.base import NormalContact
 
 
@@ -22,25 +23,25 @@ class AxisymmetricContact(NormalContact):
     """
 
     @property
-    def b(self):
+    def b(self) -> float:
         """Semi-axis along y [mm]; the same radius as `a`."""
         return self.a
 
     @property
-    def stiffness(self):
+    def stiffness(self) -> float:
         """Stiffness d load / d approach [N/mm]."""
         return 2 * self.e_star * self.a
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Largest pressure [N/mm2], infinite at an edge or tip; 0 without contact."""
         return math.inf if self.a else 0.0
 
-    def undeformed_distance(self, x, y):
+    def undeformed_distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance [mm]; NaN where contact is impossible."""
         return self._shape(np.hypot(x, y))
 
-    def displacement(self, x, y):
+    def displacement(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the displacement u of both surfaces together [mm]."""
         r = np.hypot(x, y)
         if self.a == 0:
@@ -60,12 +61,12 @@ class Sphere(AxisymmetricContact):
     load_exponent = 1.5
 
     @property
-    def a(self):
+    def a(self) -> float:
         """Radius of the contact area [mm]."""
         return math.sqrt(self.radius * self._depth)
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Pressure at the centre [N/mm2]."""
         return 1.5 * self.mean_pressure
 
@@ -94,11 +95,11 @@ class FlatCircularPunch(AxisymmetricContact):
     load_exponent = 1.0
 
     @property
-    def a(self):
+    def a(self) -> float:
         """Radius of the contact area [mm]."""
         return self.radius if self.approach > 0 else 0.0
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the contact pressure at points [N/mm2]."""
         s = self._radius2(x, y)
         inside = s < 1
@@ -124,11 +125,11 @@ class Cone(AxisymmetricContact):
     load_exponent = 2.0
 
     @property
-    def a(self):
+    def a(self) -> float:
         """Radius of the contact area [mm]."""
         return 2 * self._depth / (math.pi * self.slope)
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the contact pressure at points [N/mm2]."""
         with np.errstate(divide="ignore"):  # the tip
             return self.mean_pressure * np.arccosh(np.maximum(1 / np.sqrt(self._radius2(x, y)), 1))

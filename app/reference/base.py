@@ -3,11 +3,12 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number
+from app.base.types import ArrayLike, Floats
 
 
 def require_numbers(**values):
@@ -69,7 +70,7 @@ class NormalContact(ABC):
             raise InputError(f"approach {format_exact(self.approach)}: must be finite")
 
     @classmethod
-    def from_approach(cls, *parameters, **named):
+    def from_approach(cls, *parameters: float, **named: float) -> Self:
         """Return the contact at an approach.
 
         The parameters are the geometry's, E* and ``approach`` [mm].
@@ -77,7 +78,7 @@ class NormalContact(ABC):
         return cls(*parameters, **named)
 
     @classmethod
-    def from_load(cls, *parameters, **named):
+    def from_load(cls, *parameters: float, **named: float) -> Self:
         """Return the contact under a load.
 
         The parameters are the geometry's, E* and ``load`` [N].
@@ -91,7 +92,7 @@ class NormalContact(ABC):
         load = values.pop("load")
         return cls(**values, approach=1.0).at_load(load)
 
-    def at_load(self, load):
+    def at_load(self, load: float) -> Self:
         """Return these bodies' contact under a load [N]."""
         if not 0 <= load < math.inf:
             raise InputError(f"load {format_exact(load)}: must be finite and not negative")
@@ -103,17 +104,17 @@ class NormalContact(ABC):
         return max(self.approach, 0.0)
 
     @property
-    def load(self):
+    def load(self) -> float:
         """Normal force [N]."""
         return self.stiffness * self._depth / self.load_exponent
 
     @property
-    def contact_area(self):
+    def contact_area(self) -> float:
         """Area of the contact ellipse [mm2]."""
         return math.pi * self.a * self.b
 
     @property
-    def mean_pressure(self):
+    def mean_pressure(self) -> float:
         """Load divided by contact area [N/mm2]; 0 without contact."""
         return self.load / (math.pi * self.a) / self.b if self.a else 0.0
 
@@ -123,7 +124,7 @@ class NormalContact(ABC):
             return np.full(np.broadcast(x, y).shape, np.inf)
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the contact pressure p at points [N/mm2].
 
         The pressure is Hertz's semi-ellipsoid, unless a subclass has another one.
@@ -131,13 +132,13 @@ class NormalContact(ABC):
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     @abstractmethod
-    def undeformed_distance(self, x, y):
+    def undeformed_distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance [mm]; NaN where contact is impossible."""
 
     @abstractmethod
-    def displacement(self, x, y):
+    def displacement(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the displacement u of both surfaces together [mm]."""
 
-    def gap(self, x, y):
+    def gap(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the gap of the deformed surfaces [mm]."""
         return self.undeformed_distance(x, y) - self.approach + self.displacement(x, y)

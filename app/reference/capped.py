@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipj, ellipkinc, ellipkm1
 
 from app.base.errors import InputError, format_exact
+from app.base.types import ArrayLike, Floats
 from app.reference.base import require_hardness, require_positive
 from app.reference.periodic import Westergaard
 
@@ -61,12 +62,12 @@ class CappedLineContact:
         require_hardness(self.hardness)
 
     @property
-    def elastic_load(self):
+    def elastic_load(self) -> float:
         """Largest load without plastic contact [N/mm]."""
         return math.pi * self.radius * self.hardness**2 / self.e_star
 
     @property
-    def is_plastic(self):
+    def is_plastic(self) -> bool:
         """True if the largest pressure equals the hardness."""
         return self.load > self.elastic_load
 
@@ -87,34 +88,34 @@ class CappedLineContact:
         return rest, float(ellipkm1(rest)), float(ellipe(1 - rest))
 
     @property
-    def a(self):
+    def a(self) -> float:
         """Half-width of the contact [mm]."""
         if not self.is_plastic:
             return math.sqrt(4 * self.load * self.radius / (math.pi * self.e_star))
         return 4 * self.radius * self._rest[1] * self.hardness / (math.pi * self.e_star)
 
     @property
-    def c(self):
+    def c(self) -> float:
         """Half-width of the plastic contact [mm]."""
         return self.a * math.sqrt(1 - self._rest[0])
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Pressure on the middle line [N/mm2]."""
         return self.hardness if self.is_plastic else 2 * self.load / (math.pi * self.a)
 
     @property
-    def max_plastic_depth(self):
+    def max_plastic_depth(self) -> float:
         """Plastic depth on the middle line [mm]."""
         return float(self.plastic_depth(0.0))
 
     @property
-    def plastic_volume(self):
+    def plastic_volume(self) -> float:
         """Integral of the plastic depth per length [mm2]."""
         rest, k, e = self._rest
         return self.a**3 / (3 * self.radius) * ((2 + 2 * rest) * e - 3 * e**2 / k - rest * k)
 
-    def pressure(self, x):
+    def pressure(self, x: ArrayLike) -> Floats:
         """Return the contact pressure p at points [N/mm2]."""
         rest, k, e = self._rest
         x2, a = np.asarray(x, float) ** 2, self.a
@@ -129,7 +130,7 @@ class CappedLineContact:
         )
         return np.where(x2 <= self.c**2, self.hardness, p)
 
-    def plastic_depth(self, x):
+    def plastic_depth(self, x: ArrayLike) -> Floats:
         """Return the plastic depth w at points [mm]."""
         if not self.is_plastic:
             return np.zeros_like(x, float)
@@ -165,7 +166,7 @@ class CappedWestergaard(Westergaard):
             )
 
     @property
-    def mirrored(self):
+    def mirrored(self) -> "CappedWestergaard":
         """Contact with the pressure H - p, shifted by half a wavelength."""
         return CappedWestergaard(
             self.amplitude, self.wavelength, self.e_star, self.hardness - self.mean_pressure, self.hardness
@@ -177,12 +178,12 @@ class CappedWestergaard(Westergaard):
         return Westergaard(self.amplitude, self.wavelength, self.e_star, self.mean_pressure)
 
     @property
-    def is_plastic(self):
+    def is_plastic(self) -> bool:
         """True if the largest pressure equals the hardness."""
         return self.hardness < self._elastic.max_pressure
 
     @property
-    def is_full(self):
+    def is_full(self) -> bool:
         """True if the bodies touch everywhere."""
         return not self.mirrored.is_plastic if self.is_plastic else super().is_full
 
@@ -206,14 +207,14 @@ class CappedWestergaard(Westergaard):
         return found
 
     @property
-    def half_width(self):
+    def half_width(self) -> float:
         """Half-width of a contact strip [mm]."""
         if not self.is_plastic:
             return super().half_width
         return self.wavelength / math.pi * math.asin(1.0 if self.is_full else math.sqrt(self._edges.a2))
 
     @property
-    def plastic_half_width(self):
+    def plastic_half_width(self) -> float:
         """Half-width of plastic contact [mm]."""
         if not self.is_plastic:
             return 0.0
@@ -222,17 +223,17 @@ class CappedWestergaard(Westergaard):
         return self.wavelength / math.pi * math.asin(math.sqrt(self._edges.c2))
 
     @property
-    def plastic_fraction(self):
+    def plastic_fraction(self) -> float:
         """Share of the surface in plastic contact."""
         return 2 * self.plastic_half_width / self.wavelength
 
     @property
-    def mean_gap(self):
+    def mean_gap(self) -> float:
         """Mean of the nonnegative gap [mm]."""
         return self.mirrored.mean_plastic_depth if self.is_plastic else super().mean_gap
 
     @property
-    def mean_plastic_depth(self):
+    def mean_plastic_depth(self) -> float:
         """Mean of the plastic depth over a period [mm]."""
         if not self.is_plastic:
             return 0.0
@@ -241,7 +242,7 @@ class CappedWestergaard(Westergaard):
         return float(self.amplitude * self._edges.moment(lambda t: t**2 / math.pi))
 
     @property
-    def approach(self):
+    def approach(self) -> float:
         """Approach [mm], with displacements relative to their mean.
 
         If p = H everywhere, the smallest possible approach is returned.
@@ -249,11 +250,11 @@ class CappedWestergaard(Westergaard):
         return self.amplitude - self.mean_gap + self.mean_plastic_depth
 
     @property
-    def max_plastic_depth(self):
+    def max_plastic_depth(self) -> float:
         """Plastic depth at the summits [mm]."""
         return float(self.plastic_depth(0.0, 0.0))
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the contact pressure p at points [N/mm2]."""
         if not self.is_plastic:
             return super().pressure(x, y)
@@ -263,7 +264,7 @@ class CappedWestergaard(Westergaard):
         plastic = sine**2 <= self._edges.c2
         return np.where(plastic, self.hardness, self.full_contact_at * self._edges.pressure(sine))
 
-    def plastic_depth(self, x, y):
+    def plastic_depth(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the plastic depth w at points [mm]."""
         if not self.is_plastic:
             return np.zeros(np.broadcast(x, y).shape)
@@ -271,13 +272,13 @@ class CappedWestergaard(Westergaard):
             return self.mirrored.gap(np.asarray(x) + self.wavelength / 2, y)
         return self.amplitude * self._edges.depth(self._sine(x, y))
 
-    def gap(self, x, y):
+    def gap(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the gap, at least 0, at points [mm]."""
         if not self.is_plastic:
             return super().gap(x, y)
         return self.mirrored.plastic_depth(np.asarray(x) + self.wavelength / 2, y)
 
-    def displacement(self, x, y):
+    def displacement(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the displacement u of both surfaces, whose mean is 0 [mm]."""
         e = self.gap(x, y) - self.plastic_depth(x, y)
         return e - self.undeformed_distance(x, y) + self.approach
@@ -340,7 +341,7 @@ class _Parts:
         return self._elastic(ellipkinc(math.pi / 2, self.rest))[1].sum()
 
     @property
-    def mean_pressure(self):
+    def mean_pressure(self) -> float:
         """Mean pressure divided by p*: the mean of x, weighted by dp."""
         sine2, weights = self._elastic(ellipkinc(math.pi / 2, self.rest))
         return 2 / math.pi * (weights @ np.arcsin(np.sqrt(np.minimum(sine2, 1))))

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import elliprd, elliprf
 
 from app.base.errors import InputError, format_exact
+from app.base.types import ArrayLike, Floats
 from app.reference.base import NormalContact
 
 MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
@@ -73,31 +74,31 @@ class EllipticHertz(NormalContact):
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property
-    def a(self):
+    def a(self) -> float:
         """Semi-axis of the contact area along x [mm]."""
         rd = float(elliprd(self._ratio**2, 0.0, 1.0))
         return math.sqrt(2 * self.rx * self._depth * rd / (3 * self._rf))
 
     @property
-    def b(self):
+    def b(self) -> float:
         """Semi-axis of the contact area along y [mm]."""
         return self._ratio * self.a
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Pressure at the origin [N/mm2]."""
         return self.e_star * self._depth / (self.b * self._rf) if self.a else 0.0
 
     @property
-    def stiffness(self):
+    def stiffness(self) -> float:
         """Stiffness d load / d approach [N/mm]."""
         return math.pi * self.e_star * self.a / self._rf
 
-    def undeformed_distance(self, x, y):
+    def undeformed_distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance of the paraboloids [mm]."""
         return np.asarray(x) ** 2 / (2 * self.rx) + np.asarray(y) ** 2 / (2 * self.ry)
 
-    def displacement(self, x, y):
+    def displacement(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the displacement u of both surfaces together [mm]."""
         if self.a == 0:
             return np.zeros(np.broadcast(x, y).shape)

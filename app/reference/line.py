@@ -13,9 +13,11 @@ G. Lundberg, Forsch. Ing.-Wes. 10 (1939) 201-211. P. M. Johns and R. Gohar, Trib
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
+from app.base.types import ArrayLike, Floats
 from app.reference.base import require_positive
 
 END_DROP = 0.6066  # a / L times this is what Johns and Gohar leave of 1 - (2 y / L)^2 at the ends
@@ -44,7 +46,7 @@ class LineContact:
         require_positive(radius=self.radius, length=self.length, contact_modulus=self.e_star, load=self.load)
 
     @classmethod
-    def from_approach(cls, radius, length, e_star, approach):
+    def from_approach(cls, radius: float, length: float, e_star: float, approach: float) -> Self:
         """Return the contact whose middle has an approach [mm]."""
         require_positive(radius=radius, length=length, approach=approach)
         a = math.sqrt(2 * radius * approach)  # where the undeformed bodies overlap
@@ -53,26 +55,26 @@ class LineContact:
         return cls(radius, length, e_star, math.pi * e_star * length * a**2 / (4 * radius))
 
     @property
-    def compliance(self):
+    def compliance(self) -> float:
         """Factor ``W / (pi E* L)`` in `approach` and `crown` [mm]."""
         return self.load / (math.pi * self.e_star * self.length)
 
     @property
-    def a(self):
+    def a(self) -> float:
         """Half-width of the contact [mm]."""
         return math.sqrt(4 * self.radius * self.compliance)
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Pressure on the middle line [N/mm2]."""
         return 2 * self.load / (math.pi * self.a * self.length)
 
     @property
-    def approach(self):
+    def approach(self) -> float:
         """Approach in the middle of the cylinder [mm]."""
         return self.compliance * (1 + 2 * math.log(2 * self.length / self.a))
 
-    def crown(self, y):
+    def crown(self, y: ArrayLike) -> Floats:
         """Return the drop of the logarithmic profile [mm]; NaN past the ends."""
         rest = max(1 - END_DROP * self.a / self.length, 0.0)
         s = 2 * np.abs(y) / self.length

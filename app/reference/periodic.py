@@ -19,11 +19,14 @@ from functools import cached_property
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.base.types import ArrayLike, Floats
 from app.reference.base import require_positive
 from app.reference.hertz import EllipticHertz
 
 
-def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
+def full_contact_pressure(
+    distance: ArrayLike, dx: float, dy: float, e_star: float, mean_pressure: float = 0.0
+) -> Floats:
     """Return the pressure that flattens a periodic surface [N/mm2].
 
     A wave h_q of the undeformed distance h needs the pressure wave ``p_q = -E* |q| h_q / 2``. `distance` is h, shape
@@ -65,11 +68,11 @@ class WavyContact(ABC):
 
     @property
     @abstractmethod
-    def full_contact_at(self):
+    def full_contact_at(self) -> float:
         """Mean pressure p* at which full contact begins [N/mm2]."""
 
     @property
-    def is_full(self):
+    def is_full(self) -> bool:
         """True if the bodies touch everywhere."""
         return self.mean_pressure >= self.full_contact_at
 
@@ -78,11 +81,11 @@ class WavyContact(ABC):
         """Mean pressure divided by the full-contact pressure p*, from 0 to 1."""
         return min(max(self.mean_pressure / self.full_contact_at, 0.0), 1.0)
 
-    def undeformed_distance(self, x, y):
+    def undeformed_distance(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the undeformed distance at zero approach [mm]."""
         return self.amplitude * (1 - self._wave(x, y))
 
-    def full_pressure(self, x, y):
+    def full_pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the pressure that would keep full contact [N/mm2].
 
         Where it is negative, full contact would need tension.
@@ -109,33 +112,33 @@ class Westergaard(WavyContact):
         return np.broadcast_arrays(np.cos(2 * np.pi * np.asarray(x) / self.wavelength), y)[0]
 
     @property
-    def full_contact_at(self):
+    def full_contact_at(self) -> float:
         """Mean pressure of full contact, pi E* a/L [N/mm2]."""
         return math.pi * self.e_star * self.amplitude / self.wavelength
 
     @property
-    def half_width(self):
+    def half_width(self) -> float:
         """Half-width b of a contact strip [mm]."""
         return self.wavelength / math.pi * math.asin(math.sqrt(self._share))
 
     @property
-    def contact_fraction(self):
+    def contact_fraction(self) -> float:
         """Share of the surface in contact."""
         return 2 * self.half_width / self.wavelength
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """Pressure at the summits [N/mm2]."""
         return float(self.pressure(0.0, 0.0))
 
     @property
-    def mean_gap(self):
+    def mean_gap(self) -> float:
         """Mean of the gap [mm]."""
         share = self._share
         return self.amplitude * (1 - share + share * math.log(share)) if share else self.amplitude
 
     @property
-    def approach(self):
+    def approach(self) -> float:
         """Approach [mm], with displacements relative to their mean.
 
         The approach is 0 without contact.
@@ -151,14 +154,14 @@ class Westergaard(WavyContact):
         rim = math.pi / self.wavelength * self.half_width
         return np.abs(np.sin(psi)), np.cos(psi) ** 2, np.sin(psi - rim) * np.sin(psi + rim)
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the contact pressure p at points [N/mm2]."""
         if self.is_full:
             return self.full_pressure(x, y)
         _, cosine2, outside = self._sines(x, y)
         return 2 * self.full_contact_at * np.sqrt(cosine2 * np.maximum(-outside, 0))
 
-    def gap(self, x, y):
+    def gap(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the gap e [mm]; zero in contact."""
         t, _, outside = self._sines(x, y)
         if self.is_full:
@@ -168,7 +171,7 @@ class Westergaard(WavyContact):
         s, root = math.sqrt(self._share), np.sqrt(np.maximum(outside, 0))
         return 2 * self.amplitude * (t * root - s**2 * np.arcsinh(root / s))
 
-    def displacement(self, x, y):
+    def displacement(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the displacement u of both surfaces, whose mean is 0 [mm]."""
         return self.gap(x, y) - self.undeformed_distance(x, y) + self.approach
 
@@ -187,19 +190,19 @@ class Bisinusoidal(WavyContact):
         return np.cos(k * np.asarray(x)) * np.cos(k * np.asarray(y))
 
     @property
-    def full_contact_at(self):
+    def full_contact_at(self) -> float:
         """Mean pressure p* of full contact, sqrt(2) pi E* a/L [N/mm2]."""
         return math.sqrt(2) * math.pi * self.e_star * self.amplitude / self.wavelength
 
     @cached_property
-    def on_a_summit(self):
+    def on_a_summit(self) -> EllipticHertz:
         """Contact of one summit for light loads, an `EllipticHertz`."""
         radius = self.wavelength**2 / (4 * math.pi**2 * self.amplitude)
         load = max(self.mean_pressure, 0.0) * self.wavelength**2 / 2
         return EllipticHertz.from_load(radius, radius, self.e_star, load)
 
     @property
-    def light_contact_fraction(self):
+    def light_contact_fraction(self) -> float:
         """Contact fraction for light loads, by Hertz's theory.
 
         The fraction is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* is pbar at full contact.
@@ -207,7 +210,7 @@ class Bisinusoidal(WavyContact):
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
     @property
-    def hollow_radius(self):
+    def hollow_radius(self) -> float:
         """Radius c of the gap around a hollow, near full contact [mm].
 
         The mean pressure pbar is a little below p*, the mean pressure of full contact. L is the wavelength. The gap is
@@ -217,7 +220,7 @@ class Bisinusoidal(WavyContact):
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 
     @property
-    def heavy_contact_fraction(self):
+    def heavy_contact_fraction(self) -> float:
         """Contact fraction near full contact: 1 minus the area fraction of open hollows.
 
         The fraction is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* is pbar at full contact.
@@ -225,7 +228,7 @@ class Bisinusoidal(WavyContact):
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 
     @property
-    def heavy_mean_gap(self):
+    def heavy_mean_gap(self) -> float:
         """Mean gap near full contact [mm].
 
         The gap at a distance r from a hollow is (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), with k = 2 pi / L, the

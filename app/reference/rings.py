@@ -20,10 +20,11 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ellipe, ellipkm1
 
+from app.base.types import ArrayLike, Floats
 from app.reference.base import require_hardness, require_positive
 
 
-def solve_box(matrix, h, upper):
+def solve_box(matrix: Floats, h: Floats, upper: float | Floats) -> Floats:
     """Solve e = h + A p for pressures from 0 to `upper`.
 
     The conditions are e >= 0 where p = 0, e = 0 where 0 < p < upper, and e <= 0 where p = upper. Each cell is in one of
@@ -85,12 +86,12 @@ class CappedSphere:
         require_hardness(self.hardness)
 
     @property
-    def edges(self):
+    def edges(self) -> Floats:
         """Radii between the rings [mm], shape (rings + 1,)."""
         return math.sqrt(2 * self.radius * self.approach) * np.arange(self.rings + 1) / self.rings
 
     @property
-    def r(self):
+    def r(self) -> Floats:
         """Radius at the middle of each ring [mm]."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
@@ -107,12 +108,12 @@ class CappedSphere:
         return p, h + matrix @ p
 
     @property
-    def ring_pressure(self):
+    def ring_pressure(self) -> Floats:
         """Pressure of the rings [N/mm2]."""
         return self._solution[0]
 
     @property
-    def ring_plastic_depth(self):
+    def ring_plastic_depth(self) -> Floats:
         """Plastic depth of the rings [mm]."""
         return np.where(self.ring_pressure == self.hardness, -self._solution[1], 0.0)
 
@@ -120,30 +121,30 @@ class CappedSphere:
         return float(math.pi * (values @ np.diff(self.edges**2)))
 
     @property
-    def load(self):
+    def load(self) -> float:
         """Normal force [N]."""
         return self._sum(self.ring_pressure)
 
     @property
-    def contact_area(self):
+    def contact_area(self) -> float:
         """Area of the contact [mm2]."""
         return self._sum(self.ring_pressure > 0)
 
     @property
-    def plastic_area(self):
+    def plastic_area(self) -> float:
         """Area of the plastic contact [mm2]."""
         return self._sum(self.ring_pressure == self.hardness)
 
     @property
-    def plastic_volume(self):
+    def plastic_volume(self) -> float:
         """Integral of the plastic depth [mm3]."""
         return self._sum(self.ring_plastic_depth)
 
     @property
-    def max_plastic_depth(self):
+    def max_plastic_depth(self) -> float:
         """Plastic depth of the innermost ring [mm]."""
         return float(self.ring_plastic_depth[0])
 
-    def pressure(self, x, y):
+    def pressure(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return contact pressure at points [N/mm2], linear between rings."""
         return np.interp(np.hypot(x, y), self.r, self.ring_pressure, right=0.0)

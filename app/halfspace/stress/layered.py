@@ -12,7 +12,10 @@ import numpy as np
 
 from app.base.arithmetic import in_default_arithmetic
 from app.base.errors import InputError
+from app.base.types import ArrayLike, Floats
 from app.base.units import format_lengths
+from app.halfspace.grid import Grid
+from app.halfspace.layer import Layer
 from app.halfspace.stress import subsurface
 from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
 
@@ -53,7 +56,7 @@ class LayeredStress(SubsurfaceStress):
     True
     """
 
-    def __init__(self, pressure, grid, layer):
+    def __init__(self, pressure: ArrayLike, grid: Grid, layer: Layer) -> None:
         self.layer, self.nu = layer, layer.poisson[: 1 if layer.on_rigid_base else 2]
         self._set_pressure(pressure, grid)
 
@@ -65,7 +68,7 @@ class LayeredStress(SubsurfaceStress):
         kind = layer_sums.LayeredPeriodicStress if grid.doubly_periodic else layer_sums.LayeredFreeStress
         return kind(pressure, grid, self.layer)
 
-    def describe(self, nu="nu"):
+    def describe(self, nu: str = "nu") -> str:
         """Describe the materials of the body; `nu` is written for Poisson's ratio."""
         base = "a rigid base" if self.layer.on_rigid_base else f"{nu} = {self.nu[1]:.3g}"
         thickness = format_lengths(self.layer.thickness)
@@ -73,7 +76,7 @@ class LayeredStress(SubsurfaceStress):
         return f"layer of {thickness}, {nu} = {self.nu[0]:.3g}, on {base}"
 
     @property
-    def interface(self):
+    def interface(self) -> float:
         """Depth of the interface [mm]."""
         return self.layer.thickness
 
@@ -82,7 +85,7 @@ class LayeredStress(SubsurfaceStress):
         """Interface depth, rounded up into the substrate [mm]."""
         return float(np.nextafter(self.layer.thickness, np.inf))
 
-    def include_interface(self, depths):
+    def include_interface(self, depths: Floats) -> Floats:
         """Return `depths`, with both sides of the interface if they reach it.
 
         The coating has at least `_COATING_DEPTHS` depths. A rigid base has none.
@@ -109,7 +112,7 @@ class LayeredStress(SubsurfaceStress):
             raise InputError(f"depth {deepest:.6g}: {most}")
         return depths
 
-    def plane(self, depth, side="coating"):
+    def plane(self, depth: float, side: str = "coating") -> Floats:
         """Return the stress on a horizontal plane, below the cell centres.
 
         If `depth` is the depth of the interface, `side` selects the stress in the "coating" or in the "substrate".
@@ -117,20 +120,22 @@ class LayeredStress(SubsurfaceStress):
         """
         return super().plane(float(self._at_side(depth, side)[0]))
 
-    def section(self, depths, x=None, y=None, side="coating"):
+    def section(
+        self, depths: ArrayLike, x: float | None = None, y: float | None = None, side: str = "coating"
+    ) -> Floats:
         """Return the stress on a vertical plane; see `plane` and `SubsurfaceStress.section`."""
         return super().section(self._at_side(depths, side), x, y)
 
-    def line(self, depths, x, y, side="coating"):
+    def line(self, depths: ArrayLike, x: float, y: float, side: str = "coating") -> Floats:
         """Return the stress on a vertical line; see `plane` and `SubsurfaceStress.line`."""
         return super().line(self._at_side(depths, side), x, y)
 
-    def maximum(self):
+    def maximum(self) -> StressMaximum:
         """Return the largest von Mises stress; see `SubsurfaceStress.maximum`."""
         return self.maxima()[0]
 
     @in_default_arithmetic
-    def maxima(self):
+    def maxima(self) -> list[StressMaximum]:
         """Return the largest von Mises and shear stress in both materials."""
         mises, shear = zip(*self._by_material, strict=True)
         return [max(mises, key=lambda at: at.von_mises), max(shear, key=lambda at: at.max_shear)]
@@ -146,7 +151,7 @@ class LayeredStress(SubsurfaceStress):
         return [self._search(part, von_mises, subsurface.shear_where_large) for part in parts]
 
     @in_default_arithmetic
-    def layer_maxima(self):
+    def layer_maxima(self) -> LayerMaxima:
         """Return the `LayerMaxima` of both materials and the interface."""
         largest = [at for at, _ in self._by_material]
         sides = [self.layer.thickness] if self.layer.on_rigid_base else [self.layer.thickness, self._below]

@@ -9,13 +9,16 @@ a few rows of these arrays.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from app.base import views
 from app.base.arithmetic import in_default_arithmetic
 from app.base.errors import InputError, is_number, plain_number
+from app.base.types import ArrayLike, Figure, Floats
 from app.base.units import format_quantity
+from app.halfspace.grid import Grid
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _REFINED_PEAKS = 3  # cells below which the depth is refined
@@ -35,7 +38,7 @@ class StressMaximum:
     x: float
     y: float
     depth: float
-    stress: np.ndarray
+    stress: Floats
 
     def __repr__(self):
         x, y, depth = (format_quantity(length, "mm") for length in (self.x, self.y, self.depth))
@@ -43,23 +46,23 @@ class StressMaximum:
         return f"<StressMaximum: {stresses} at x {x}, y {y}, depth {depth}>"
 
     @property
-    def max_shear(self):
+    def max_shear(self) -> float:
         """Largest shear stress at this point [N/mm2]."""
         return float(max_shear(self.stress))
 
     @property
-    def horizontal_shear(self):
+    def horizontal_shear(self) -> float:
         """Shear stress on the horizontal plane through this point [N/mm2]."""
         return float(horizontal_shear(self.stress))
 
 
-def von_mises(stress):
+def von_mises(stress: ArrayLike) -> Floats:
     """Return the von Mises stress [N/mm2] of `COMPONENTS`, shape (6, ...)."""
     xx, yy, zz, xy, xz, yz = stress
     return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
 
 
-def max_shear(stress):
+def max_shear(stress: ArrayLike) -> Floats:
     """Return the largest shear stress [N/mm2] of `COMPONENTS`, shape (6, ...)."""
     xx, yy, zz, xy, xz, yz = stress
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
@@ -67,7 +70,7 @@ def max_shear(stress):
     return (principal[..., 2] - principal[..., 0]) / 2
 
 
-def horizontal_shear(stress):
+def horizontal_shear(stress: ArrayLike) -> Floats:
     """Return the shear stress on horizontal planes [N/mm2]; `stress` has the `COMPONENTS`, shape (6, ...)."""
     return np.hypot(stress[4], stress[5])
 
@@ -95,9 +98,9 @@ class SubsurfaceStress:
     array([-1.])
     """
 
-    interface = None  # depth [mm]
+    interface: float | None = None  # depth [mm]
 
-    def __init__(self, pressure, grid, poisson_ratio):
+    def __init__(self, pressure: ArrayLike, grid: Grid, poisson_ratio: float) -> None:
         poisson_ratio = plain_number(poisson_ratio)
         if not (is_number(poisson_ratio) and 0 <= poisson_ratio <= 0.5):
             raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
@@ -123,19 +126,19 @@ class SubsurfaceStress:
     def __repr__(self):
         return f"<{type(self).__name__}: below {self.grid.nx} x {self.grid.ny} cells, {self.describe()}>"
 
-    def describe(self, nu="nu"):
+    def describe(self, nu: str = "nu") -> str:
         """Return a text on the material of the body; `nu` is the symbol."""
         return f"{nu} = {self.nu:.3g}"
 
-    def include_interface(self, depths):
+    def include_interface(self, depths: Floats) -> Floats:
         """Return `depths`, with both sides of an interface if they reach it."""
         return depths
 
-    def layer_maxima(self):
+    def layer_maxima(self) -> Any:
         """Return a layered body's largest stresses, else None."""
         return None
 
-    def plot(self):
+    def plot(self) -> tuple[Figure, Any]:
         """Draw the stress on two vertical sections and on a vertical line.
 
         All of them contain the point of the largest von Mises stress. Return figure and axes.
@@ -143,7 +146,7 @@ class SubsurfaceStress:
         return views.load().plot_stress(self)
 
     @in_default_arithmetic
-    def plane(self, depth):
+    def plane(self, depth: float) -> Floats:
         """Return the stress on a horizontal plane, below the cell centres.
 
         The result has the shape (6, ny, nx) [N/mm2], with components in the order of `COMPONENTS`. The depth is in mm.
@@ -151,7 +154,7 @@ class SubsurfaceStress:
         return self._sums.plane(_checked(depth))
 
     @in_default_arithmetic
-    def section(self, depths, x=None, y=None):
+    def section(self, depths: ArrayLike, x: float | None = None, y: float | None = None) -> Floats:
         """Return the stress on a vertical plane.
 
         Give either x or y of the plane [mm]. The result has the shape (6, depths, ny or nx) [N/mm2], below the cell
@@ -171,13 +174,13 @@ class SubsurfaceStress:
         return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 
     @in_default_arithmetic
-    def line(self, depths, x, y):
+    def line(self, depths: ArrayLike, x: float, y: float) -> Floats:
         """Return the stress on a vertical line, (6, depths) [N/mm2]; lengths in mm."""
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in check_depths(depths)], axis=1)
 
     @in_default_arithmetic
-    def maximum(self):
+    def maximum(self) -> StressMaximum:
         """Return the largest von Mises stress, a `StressMaximum`.
 
         The search compares horizontal planes, down to a depth equal to the width of the loaded part. On deep planes the
@@ -188,7 +191,7 @@ class SubsurfaceStress:
         return self._search(None, von_mises)[0]
 
     @in_default_arithmetic
-    def maxima(self):
+    def maxima(self) -> list[StressMaximum]:
         """Return the largest von Mises and shear stress, each a `StressMaximum`."""
         return self._search(None, von_mises, shear_where_large)
 

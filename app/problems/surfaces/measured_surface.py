@@ -4,12 +4,15 @@ Each rank stores only its own rows. Each rank fills all missing points, so that 
 number of ranks.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from app.base import views
 from app.base.errors import InputError
+from app.base.types import Axes, Figure, Floats, Length
 from app.base.units import UNITS, format_lengths
 from app.halfspace.grid import Grid, repeats_in
 from app.problems.surfaces.filters import band_pass, check_cells, check_order
@@ -53,21 +56,21 @@ class Surface:
 
     file: str
     unit: str
-    shape: tuple
-    spacing: tuple | None
+    shape: tuple[int, int]
+    spacing: tuple[float, float] | None
     level: str
     missing: str
-    crop: tuple
-    orient: tuple
+    crop: tuple[int, int, int, int]
+    orient: tuple[str, ...]
     rms_height: float
     rms_level: float
     skewness: float
     kurtosis: float
-    steps: tuple
-    spike: tuple
+    steps: tuple[float, float]
+    spike: tuple[float, float, int, int]
     rounding: float
     missing_points: int
-    notes: tuple
+    notes: tuple[str, ...]
     _source: object
     _level: dict  # polynomial that is subtracted, see `Moments.fit`
     _tilt: dict  # slopes of the best plane that remains
@@ -78,11 +81,11 @@ class Surface:
     l_filter: float | None = None
     periodic: str = ""
     _filtered: np.ndarray | None = None  # the crop [mm]
-    warned: tuple = ()
+    warned: tuple[str, ...] = ()
 
     sampled = measured = True
 
-    def grid(self, domain=None, periodic=None):
+    def grid(self, domain: Sequence[Length] | None = None, periodic: bool | str | None = None) -> Grid:
         """Return a grid with the cells of the surface.
 
         `domain` is x0, x1, y0, y1 [mm], by default centred at the origin. It is needed if the spacing is unknown.
@@ -100,7 +103,7 @@ class Surface:
         self.check_grid(grid)
         return grid
 
-    def averaged(self, shape):
+    def averaged(self, shape: tuple[int, int]) -> "Surface":
         """Return the surface averaged over blocks of cells.
 
         `shape` is the number of blocks in y and x.
@@ -124,11 +127,11 @@ class Surface:
             _averaged=(self._averaged[0] * fy, self._averaged[1] * fx),
         )
 
-    def resampled(self):
+    def resampled(self) -> ResampledSurface:
         """Return the surface as a `ResampledSurface`, for any grid."""
         return ResampledSurface(self)
 
-    def filtered(self, grid, s_filter=None, l_filter=None):
+    def filtered(self, grid: Grid, s_filter: float | None = None, l_filter: float | None = None) -> "Surface":
         """Return the surface without short and long waves.
 
         Waves shorter than `s_filter` and longer than `l_filter` [mm] are removed; waves of just these lengths keep half
@@ -163,19 +166,19 @@ class Surface:
             _fillings={},
         )
 
-    def cell(self, grid=None):
+    def cell(self, grid: Grid | None = None) -> tuple[float, float]:
         """Return the size dx, dy of a cell of the file [mm]."""
         grid = grid or self.grid()
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
-    def rms_slope(self, grid=None):
+    def rms_slope(self, grid: Grid | None = None) -> float:
         """Return the rms slope between cells of the file.
 
         The slope of the best plane is subtracted first.
         """
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
-    def understood(self, grid=None):
+    def understood(self, grid: Grid | None = None) -> str:
         """Return a line on how the file was read."""
         grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
@@ -197,7 +200,7 @@ class Surface:
         """Words that say to which level or plane the rms height refers."""
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise unless `grid`'s cells and period fit this surface."""
         if grid.shape != self.shape:
             raise InputError(
@@ -231,7 +234,7 @@ class Surface:
     def __repr__(self):
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
-    def heights(self, rows=slice(None), around=None):
+    def heights(self, rows: slice = slice(None), around: tuple[bool, bool] | None = None) -> Floats:
         """Return these rows' heights [mm], with shape (rows, nx).
 
         Peaks are positive, missing points are NaN. The two values of `around`, for x and y, are true if missing points
@@ -251,12 +254,12 @@ class Surface:
             means = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
         return add_polynomial(means, tilt, start, self.shape[0])
 
-    def heights_about_plane(self):
+    def heights_about_plane(self) -> Floats:
         """Return all heights about their best plane [mm]."""
         heights = add_polynomial(self.heights(), self._tilt, 0, self.shape[0], sign=-1)
         return heights - np.nanmean(heights) if self.level == "none" else heights
 
-    def plot(self, ax=None):
+    def plot(self, ax: Axes | None = None) -> tuple[Figure, Any]:
         """Draw heights, profiles, distribution and spectrum.
 
         On given axes `ax`, only the heights are drawn.
@@ -270,7 +273,7 @@ class Surface:
     def _repr_html_(self):
         return views.load().surface_html(self)
 
-    def heights_on(self, grid, rows=slice(None)):
+    def heights_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return heights in some rows of a grid with these cells [mm].
 
         On a periodic grid missing points are filled across the sides of the patch, too.
@@ -279,7 +282,7 @@ class Surface:
             raise ValueError("a measured surface is known on its own grid only")
         return self.heights(rows, grid.repeats[::-1])
 
-    def filled_on(self, grid, rows=slice(None)):
+    def filled_on(self, grid: Grid, rows: slice = slice(None)) -> Floats | None:
         """Return the share of filled points in each cell; None if none was filled."""
         if not len(self._filled[0]):
             return None
@@ -289,7 +292,7 @@ class Surface:
         cells = np.ravel_multi_index((j[inside] // fy - start, i[inside] // fx), shape)
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return how the file was read, by option names, for result files."""
         names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
         facts = {f"surface_{name}": getattr(self, name) for name in names}

@@ -4,12 +4,14 @@ Heights are read a few rows at a time. Each rank stores only its own rows. Each 
 points from all heights, in the same order, so that both are the same on any number of ranks.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
 
 from app.base.errors import InputError, is_number, warn_notes
+from app.base.types import ArrayLike, PathLike
 from app.base.units import UNITS, find_unit, format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import validate_periodic
@@ -26,22 +28,22 @@ MAX_NOTED_ROWS = 4
 
 @usage('read_surface("heights.npy", unit="um", spacing=(0.5, 0.5), spacing_unit="um")')
 def read_surface(
-    path,
-    unit=None,
-    level="none",
-    crop=None,
-    missing="hole",
-    height_unit=None,
-    orient=(),
-    skip=0,
-    spacing=None,
-    s_filter=None,
-    l_filter=None,
-    periodic=False,
-    channel=None,
-    override=False,
-    spacing_unit=None,
-):
+    path: PathLike | ArrayLike,
+    unit: str | None = None,
+    level: str = "none",
+    crop: Sequence[int] | None = None,
+    missing: str = "hole",
+    height_unit: str | None = None,
+    orient: str | Sequence[str] = (),
+    skip: int = 0,
+    spacing: float | Sequence[float] | None = None,
+    s_filter: float | None = None,
+    l_filter: float | None = None,
+    periodic: bool | str = False,
+    channel: str | int | None = None,
+    override: bool = False,
+    spacing_unit: str | None = None,
+) -> Surface:
     """Read measured heights.
 
     Parameters

@@ -8,11 +8,13 @@ cells get their mean, and quadratic surfaces are exact.
 
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
 from app.base.errors import InputError
 from app.base.memory import check_fits
+from app.base.types import Floats
 from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 
@@ -38,7 +40,7 @@ class ResampledSurface:
     True
     """
 
-    surface: object
+    surface: Any
 
     sampled = measured = refinable = True
 
@@ -47,11 +49,11 @@ class ResampledSurface:
         for name in ("file", "spacing", "spike", "rounding", "rms_level", "notes", "warned")
     )
 
-    def own_grid(self, grid):
+    def own_grid(self, grid: Grid) -> Grid:
         """Return the grid of the cells of the file."""
         return self.surface.grid(None if self.spacing else grid.domain, grid.periodic)
 
-    def check_grid(self, grid):
+    def check_grid(self, grid: Grid) -> None:
         """Raise if a patch is larger than the surface."""
         sides, own = (np.array(g.sides) for g in (grid, self.own_grid(grid)))
         if np.any(sides > own * (1 + ROUNDING)):
@@ -60,24 +62,26 @@ class ResampledSurface:
                 f"{sides[1]:.10g} mm; the domain must be no larger"
             )
 
-    def filtered(self, grid, s_filter=None, l_filter=None):
+    def filtered(
+        self, grid: Grid, s_filter: float | None = None, l_filter: float | None = None
+    ) -> "ResampledSurface":
         """Return the surface filtered on the file's cells, see `Surface.filtered`."""
         return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
 
-    def cell(self, grid):
+    def cell(self, grid: Grid) -> tuple[float, float]:
         """Return the size dx, dy of a cell of the file [mm]."""
         return self.surface.cell(self.own_grid(grid))
 
-    def rms_slope(self, grid):
+    def rms_slope(self, grid: Grid) -> float:
         """Return the rms slope between the file's cells, see `Surface.rms_slope`."""
         return self.surface.rms_slope(self.own_grid(grid))
 
-    def understood(self, grid):
+    def understood(self, grid: Grid) -> str:
         """Return a line on how the file was read."""
         line = self.surface.understood(self.own_grid(grid))
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
-    def heights_on(self, grid, rows=slice(None)):
+    def heights_on(self, grid: Grid, rows: slice = slice(None)) -> Floats:
         """Return mean heights of cells in `rows` [mm]; NaN where missing."""
         own = self.own_grid(grid)
         ny, nx = own.shape
@@ -93,13 +97,13 @@ class ResampledSurface:
         means = _means(_means(heights, x, 3, around[0]).T, y, 3, around[1]).T
         return np.where(known > ROUNDING, means, np.nan)
 
-    def filled_on(self, grid, rows=slice(None)):
+    def filled_on(self, grid: Grid, rows: slice = slice(None)) -> Floats | None:
         """Return the share of each cell's area that was filled in; None if none was."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
-    def describe(self):
+    def describe(self) -> dict[str, Any]:
         """Return how the file was read, by option names, for result files."""
         return {**self.surface.describe(), "surface_resample": 1}
 
