@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+import tarfile
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -37,16 +38,21 @@ main()
 """
 
 
+def copy_tree(tree):
+    """Copy what a build needs, because it leaves files in the tree."""
+    tree.mkdir()
+    for name in ("app", "petsc_options"):
+        shutil.copytree(SOURCE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy(SOURCE / name, tree)
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A clean environment with the wheel of this tree: its bin/ and where the package is. Debian gives the rest."""
     folder = tmp_path_factory.mktemp("wheel")
     tree, venv = folder / "tree", folder / "a venv"
-    tree.mkdir()  # a build leaves files in the tree
-    for name in ("app", "petsc_options"):
-        shutil.copytree(SOURCE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
-        shutil.copy(SOURCE / name, tree)
+    copy_tree(tree)
     call("wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", folder, tree)
     (wheel,) = folder.glob("*.whl")
     base = Path(sys.base_prefix, "bin", "python3")
@@ -151,12 +157,22 @@ def test_wheel_has_every_file_of_the_package(installed):
     wanted = {
         path.relative_to(SOURCE)
         for path in (SOURCE / "app").rglob("*")
-        if path.is_file() and path.suffix in (".py", ".json", ".html") and "__pycache__" not in path.parts
+        if path.suffix in (".py", ".pyi", ".typed", ".json", ".html") and "__pycache__" not in path.parts
     }
     options = (SOURCE / "petsc_options").rglob("*.*")
     wanted |= {Path("app") / path.relative_to(SOURCE) for path in options}
     there = {path.relative_to(site) for path in (site / "app").rglob("*") if path.is_file()}
     assert not wanted - there
+
+
+def test_source_distribution_has_the_types(tmp_path):
+    copy_tree(tmp_path / "tree")
+    done = run("setup.py", "--quiet", "sdist", "--dist-dir", tmp_path, cwd=tmp_path / "tree")
+    assert done.returncode == 0, done.stderr
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as files:
+        names = {name.partition("/")[2] for name in files.getnames()}
+    assert {"app/py.typed", "app/__init__.pyi", "app/reference/__init__.pyi"} <= names
 
 
 def test_every_command_is_on_path(installed):
