@@ -1,6 +1,6 @@
-"""Bodies that change over time: the methods `creep` and `wear` of a solver."""
+"""Many solutions, one after the other: the methods `path`, `creep` and `wear` of a solver."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from typing import Any, Self
@@ -9,19 +9,64 @@ import numpy as np
 
 from app.api.arguments import check_parts
 from app.api.creep import CreepPath
+from app.api.load_path import LoadPath
 from app.api.shifted_problem import check_kind
 from app.api.wear import WearPath
-from app.base.errors import InputError, call_collectively, is_number, plain_number
-from app.base.types import Length
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, is_number, plain_number
+from app.base.petsc import synchronized
+from app.base.types import Length, Prescribed
 from app.base.usage import usage
 from app.contact.loading_input import USAGE, single_loading
+from app.contact.tilting_input import single_path
 from app.problems.problem import Problem
 
 
 class Histories:
-    """Methods of `ContactSolver` for bodies that change over time."""
+    """Methods of `ContactSolver` for many loads, and for bodies that change over time."""
 
     _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
+
+    def path(
+        self,
+        stiffness: bool = False,
+        rows: Iterable[Mapping[str, Any]] = (),
+        progress: bool = False,
+        flow: bool = False,
+        **loadings: Iterable[Length] | None,
+    ) -> LoadPath:
+        """Solve for many loads, one after the other.
+
+        Parameters
+        ----------
+        stiffness, flow : bool
+            Solve for the exact stiffness and the conductance, and for the flow through the gap of every step, too.
+        rows : sequence of dict, optional
+            Rows of finished steps, which are not solved again; see `app.api.load_path.LoadPath`.
+        progress : bool
+            Show a progress bar (tqdm) on rank 0.
+        **loadings : sequence of float
+            Prescribed quantity, see `app.solve`. Give exactly one. `load_centre` and so on hold for all steps.
+
+        Returns
+        -------
+        LoadPath
+            An iteration over the path yields the Solutions; its ``table`` has the numbers of all steps solved so far.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed.
+        """
+        self._check_open()
+        kind, numbers, tilting = call_collectively(self.comm, single_path, loadings)
+        return LoadPath(self, kind, numbers, stiffness, rows, progress, flow, tilting)
+
+    @synchronized
+    def check(self, **loading: Prescribed) -> None:
+        """Raise InputError for a loading that is not allowed."""
+        self._check_open()
+        check_equal_on_ranks(self.comm, loading, "loading")
+        self._strategy.check_loading(self._make_loading(loading), self._largest)
 
     @usage(f"solver.creep(times=[0, 1, 10], {USAGE}")
     def creep(

@@ -12,7 +12,7 @@ prefix of its own, and only during set-up and solves.
 """
 
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,6 @@ from app.api.derivatives import Derivatives
 from app.api.histories import Histories
 from app.api.law import Laws
 from app.api.layer_approach import add_uniform_displacement, search_approach
-from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
 from app.api.shifted_problem import BackgroundPressure
 from app.api.slip import Friction
@@ -34,7 +33,7 @@ from app.api.solution import Solution, fingerprint
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.numba_cache import clock, report_compilation
 from app.base.petsc import Resources, mpi_comm, synchronized
-from app.base.types import AnyComm, Length, Method, Options
+from app.base.types import AnyComm, Method, Options, Prescribed
 from app.base.usage import usage
 from app.contact import measures
 from app.contact.certificate import certify
@@ -42,7 +41,7 @@ from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener, Monitor
 from app.contact.loading_input import USAGE
-from app.contact.tilting_input import create_loading, single_path
+from app.contact.tilting_input import create_loading
 from app.methods.strategy import STRATEGIES, allows_lists, check_single, make_strategy
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import Settings, drop_unused
@@ -62,7 +61,7 @@ def solve(
     options: Options = None,
     comm: AnyComm = None,
     start: Solution | None = None,
-    **loading: Length | None,
+    **loading: Prescribed,
 ) -> Solution:
     """Solve a contact problem. Collective; raises the errors of `ContactSolver` and its `solve`.
 
@@ -258,7 +257,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
 
     @usage(f"solver.solve({USAGE}")
     @synchronized
-    def solve(self, *, start: Solution | None = None, **loading: Length | None) -> Solution:
+    def solve(self, *, start: Solution | None = None, **loading: Prescribed) -> Solution:
         """Solve for a prescribed quantity.
 
         Parameters
@@ -339,48 +338,6 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
                 return self._solution(state, loading, outcome, history, started, products, traffic)
             finally:
                 state.destroy()
-
-    def path(
-        self,
-        stiffness: bool = False,
-        rows: Iterable[Mapping[str, Any]] = (),
-        progress: bool = False,
-        flow: bool = False,
-        **loadings: Iterable[Length] | None,
-    ) -> LoadPath:
-        """Solve for many loads, one after the other.
-
-        Parameters
-        ----------
-        stiffness, flow : bool
-            Solve for the exact stiffness and the conductance, and for the flow through the gap of every step, too.
-        rows : sequence of dict, optional
-            Rows of finished steps, which are not solved again; see `app.api.load_path.LoadPath`.
-        progress : bool
-            Show a progress bar (tqdm) on rank 0.
-        **loadings : sequence of float
-            Prescribed quantity, see `app.solve`. Give exactly one. `load_centre` and so on hold for all steps.
-
-        Returns
-        -------
-        LoadPath
-            An iteration over the path yields the Solutions; its ``table`` has the numbers of all steps solved so far.
-
-        Raises
-        ------
-        InputError
-            If a number is not allowed.
-        """
-        self._check_open()
-        kind, numbers, tilting = call_collectively(self.comm, single_path, loadings)
-        return LoadPath(self, kind, numbers, stiffness, rows, progress, flow, tilting)
-
-    @synchronized
-    def check(self, **loading: Length | None) -> None:
-        """Raise InputError for a loading that is not allowed."""
-        self._check_open()
-        check_equal_on_ranks(self.comm, loading, "loading")
-        self._strategy.check_loading(self._make_loading(loading), self._largest)
 
     @synchronized
     def update(self, problem: Problem) -> None:

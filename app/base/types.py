@@ -26,5 +26,6 @@ else:
     AnyComm = ArrayLike = Axes = Comm = DataFrame = Dataset = Figure = Floats = Mask = PathLike = Any
 
 Length = float | str  # [mm], or a text with a unit; also numbers of other quantities
+Prescribed = Length | tuple[float, float] | None  # a loading, or a pair such as load_centre
 Method = str | Mapping[str, Mapping[str, Any]] | None
 Options = Mapping[str, Any] | None
