@@ -33,8 +33,8 @@ class UndeformedDistance:
 
     The approach is a reference plus the *depth*, the approach beyond the reference. So large constants cost no digits.
     The depth belongs to the `ContactState`. To move the bodies, only the depth is changed, never the stored shape, so
-    that no rounding errors add up. A tilt computes `b` anew from the stored shape. The right-hand side on C is ``-h = b
-    + depth``.
+    that no rounding errors add up. A tilt computes `b` anew from the stored shape. On C the right-hand side is
+    ``-h = b + depth``.
 
     Parameters
     ----------
