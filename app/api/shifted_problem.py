@@ -173,7 +173,7 @@ class BackgroundPressure(ShiftedProblem):
         load, area = solution.load + self.load, solution.contact_area
         load = values["load"] if values.get("load") else load
         load = values["mean_pressure"] * self.grid.area if values.get("mean_pressure") else load
-        moment_x, moment_y = solution.moment_x + self._at_y, solution.moment_y - self._at_x
+        moment_x, moment_y = solution.moment_x + self._at_x, solution.moment_y + self._at_y
         return replace(
             super().add_to(solution, values),
             pressure=p,
@@ -184,6 +184,6 @@ class BackgroundPressure(ShiftedProblem):
             mean_contact_pressure=float(inside * self.grid.cell_area / area) if area else 0.0,
             moment_x=moment_x,
             moment_y=moment_y,
-            pressure_centre_x=-moment_y / load if load else np.nan,
-            pressure_centre_y=moment_x / load if load else np.nan,
+            pressure_centre_x=moment_x / load if load else np.nan,
+            pressure_centre_y=moment_y / load if load else np.nan,
         )

@@ -79,7 +79,7 @@ class Solution(_Numbers, ContactFields):
     plastic_volume, mean_plastic_depth : float
         Volume of the permanent indentation [mm3]; its mean over the cells where contact is possible [mm].
     pressure_centre_x, pressure_centre_y, moment_x, moment_y : float
-        Centre of pressure [mm], and moments about the axes through the origin [N mm].
+        Centre of pressure [mm], and first moments, the integrals of p x and p y [N mm].
     semi_axis_major, semi_axis_minor, major_axis_angle : float
         Semi-axes of the ellipse that has the second moments of the contact set [mm]; angle from the x axis to the major
         one [degree]. These three and the four numbers before are NaN on a periodic patch, which has no origin.

@@ -33,8 +33,8 @@ QUANTITIES = {
     "mean_contact_pressure": Quantity("N/mm2", "mean pressure in contact", "load over contact area"),
     "pressure_centre_x": Quantity("mm", "centre of pressure, x"),
     "pressure_centre_y": Quantity("mm", "centre of pressure, y"),
-    "moment_x": Quantity("N mm", "moment about x"),
-    "moment_y": Quantity("N mm", "moment about y"),
+    "moment_x": Quantity("N mm", "moment in x"),
+    "moment_y": Quantity("N mm", "moment in y"),
     "semi_axis_major": Quantity(
         "mm", "larger semi-axis", "of the ellipse with the second moments of the contact"
     ),

@@ -18,8 +18,8 @@ class ContactMoments(NamedTuple):
 
     pressure_centre_x: float  # sum(p x) / sum(p) [mm]
     pressure_centre_y: float
-    moment_x: float  # moment of the pressure about the x axis: integral of p y [N mm]
-    moment_y: float  # about the y axis: integral of -p x
+    moment_x: float  # first moments of the pressure: integral of p x [N mm]
+    moment_y: float  # integral of p y
     semi_axis_major: float  # semi-axis of the ellipse with the second moments of the contact set [mm]
     semi_axis_minor: float
     major_axis_angle: float  # angle from the x axis, above -90 and at most 90 [degree]
@@ -52,15 +52,15 @@ def measure_moments(state):
     sums = sums.tolist()
     load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
     centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)
-    moments = grid.cell_area * (at_y + load * y), -grid.cell_area * (at_x + load * x)
+    moments = grid.cell_area * (at_x + load * x), grid.cell_area * (at_y + load * y)
     across, up = (
         (1 - right - left) * grid.dx if cells else nan,
         (1 - upper - lower) * grid.dy if cells else nan,
     )
     if grid.one_way == "x":
-        return _NOWHERE._replace(pressure_centre_y=centre[1], moment_x=moments[0], contact_extent_y=up)
+        return _NOWHERE._replace(pressure_centre_y=centre[1], moment_y=moments[1], contact_extent_y=up)
     if grid.one_way == "y":
-        return _NOWHERE._replace(pressure_centre_x=centre[0], moment_y=moments[1], contact_extent_x=across)
+        return _NOWHERE._replace(pressure_centre_x=centre[0], moment_x=moments[0], contact_extent_x=across)
     if not cells:
         return _NOWHERE._replace(moment_x=moments[0], moment_y=moments[1])
     mx, my = sx / cells, sy / cells

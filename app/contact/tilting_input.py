@@ -12,7 +12,7 @@ from app.options.option_table import LARGEST
 # Name -> unit and meaning of two numbers. At most one of them is given, together with a loading.
 TILTING = {
     "load_centre": ("mm", "x and y of the centre of the load, under which the bodies tilt"),
-    "moment": ("N mm", "moments of the load about the x and y axes, the integrals of p y and -p x"),
+    "moment": ("N mm", "first moments of the load, the integrals of p x and p y"),
     "tilt": ("1", "prescribed slopes in x and y, by which the undeformed distance is reduced"),
 }
 
@@ -58,6 +58,6 @@ def create_loading(levels, uniform_compliance, comm, given, whole=True):
                 raise InputError(f"{name}: not with a background pressure; prescribe the tilt instead")
             if loading.load is None:
                 raise InputError(f"{name}: needs a prescribed load above 0")
-            centre = (-y / loading.load, x / loading.load) if name == "moment" else (x, y)
+            centre = (x / loading.load, y / loading.load) if name == "moment" else (x, y)
             loading = TiltedLoad.about(loading, centre, target, comm)
     return loading

@@ -17,7 +17,7 @@ def test_a_centre_moments_and_a_tilt_are_options(cli_here, tmp_path):
     file = tmp_path / "tilted.h5"
     done = cli_here(*BALL, "-load", 600, "-load_centre", "0.125,-0.0625", "-stiffness", "-output", file)
     assert done.returncode == 0, done.stderr
-    assert "tilt 0.00625, -0.003125; moments -37.5, -75 N mm" in done.stdout
+    assert "tilt 0.00625, -0.003125; moments 75, -37.5 N mm" in done.stdout
     result = read_result(file)
     facts = result.attributes
     assert facts["tilt_x"] == pytest.approx(0.00625, rel=1e-4)

@@ -197,7 +197,7 @@ def test_shifted_heights_shift_pressures_and_transposed_ones_transpose_them(meth
         assert getattr(first, name) == pytest.approx(getattr(shifted, name), rel=1e-6)
         assert getattr(first, name) == pytest.approx(getattr(turned, name), rel=1e-6)
     assert first.pressure_centre_x == pytest.approx(turned.pressure_centre_y, rel=1e-6)
-    assert np.isnan([first.pressure_centre_y, first.moment_x, first.semi_axis_major]).all()
+    assert np.isnan([first.pressure_centre_y, first.moment_y, first.semi_axis_major]).all()
     np.testing.assert_allclose(first.contact_patches(), turned.contact_patches(), rtol=1e-12)
     np.testing.assert_allclose(first.contact_patches(), shifted.contact_patches(), rtol=1e-12)
 

@@ -99,7 +99,7 @@ def test_a_prescribed_tilt_moments_and_the_tilted_shape_are_one_problem(hardness
         np.testing.assert_allclose(other.undeformed_distance, moved.undeformed_distance, atol=1e-9)
         assert other.indentation == pytest.approx(moved.indentation, rel=1e-6)
     assert moved.pressure_centre_x == pytest.approx(0.15, abs=1e-9)
-    assert (moved.moment_x, moved.moment_y) == pytest.approx((-0.2 * load, -0.15 * load), rel=1e-9)
+    assert (moved.moment_x, moved.moment_y) == pytest.approx((0.15 * load, -0.2 * load), rel=1e-9)
 
 
 def test_solves_do_not_depend_on_earlier_tilts():
