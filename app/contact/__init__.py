@@ -1,7 +1,7 @@
 """The contact problem (Sec. 2.3), the paper's iteration, and numbers of solutions.
 
 - *Problem.* `distance` has the undeformed distance h, and `bounds` the bounds of the pressure. `state` has the contact
-  set C, the pressure p and the displacement u, and the steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are
+  set C, the pressure p and the displacement u, and the steps of Sec. 4.1 on them. `loops` and `bounds_loops` are
   their compiled loops.
 - *Loading.* `loading_input` has the table of the loadings, and makes them from numbers. `loading` and `prescribed_load`
   have their classes. `approach_search` finds the approach of a loading that does not determine it.

@@ -9,7 +9,7 @@ outside C shows at which bound the cell is.
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact import bounds_kernels as loops
+from app.contact import bounds_loops as loops
 
 _PATIENCE_WITH_HARDNESS = 2  # iterations in which the number of changed cells may stagnate
 
@@ -71,7 +71,7 @@ class PressureBounds:
         part.largest_load = self.largest_load
         return part
 
-    # -- compiled loops, see `app.contact.bounds_kernels` ----------------------------------------------
+    # -- compiled loops, see `app.contact.bounds_loops` ----------------------------------------------
 
     def release(self, p, contact, released, change):
         """Remove cells from C that violate a bound."""

@@ -80,7 +80,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact import certificate_kernels as loops
+from app.contact import certificate_loops as loops
 from app.contact.state import Displacement
 from app.halfspace.product import DenseProduct
 from app.parallel.reductions import sums_and_minima

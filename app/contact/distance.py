@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.contact import kernels
+from app.contact import loops
 from app.contact.bounds import PressureBounds
 from app.contact.tilt import NO_TILT
 from app.halfspace.operator import wrap_vec
@@ -84,7 +84,7 @@ class UndeformedDistance:
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
         b, admissible = np.empty(shape.shape), np.empty(shape.shape, bool)
-        kernels.right_hand_side(shape, b, admissible)
+        loops.right_hand_side(shape, b, admissible)
         self._set(b, operator, PressureBounds(admissible, hardness))
         self.reference = reference
         self.full_contact_pressures = -np.inf, np.inf
@@ -236,13 +236,13 @@ def _measure(levels, comm):
     size, rank = (comm.size, comm.rank) if comm else (1, 0)
     counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))
     # Each rank adds zeros to the others' sums, so that none is rounded.
-    parts[rank] = np.ravel([kernels.compensated_sum(d.b, d.admissible) for d in levels])
+    parts[rank] = np.ravel([loops.compensated_sum(d.b, d.admissible) for d in levels])
     minima = [d._local_minima() for d in levels]
     sums, minima = sums_and_minima(comm, [*counts, *parts.ravel()], np.ravel(minima))
     counts, parts = sums[: len(levels)], sums[len(levels) :].reshape(size, len(levels), 2)
     means = [_mean(part, cells) for part, cells in zip(np.moveaxis(-parts, 1, 0), counts, strict=True)]
     pairs = zip(levels, means, strict=True)
-    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in pairs]
+    squares = [loops.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in pairs]
     carried = [d.bounds.carried for d in levels]
     limited = [d.bounds.limited_cells for d in levels]
     squares, carried, limited = np.split(np.asarray(sum_over(comm, squares + carried + limited)), 3)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from app.base.numba_cache import njit
-from app.contact.kernels import gap
+from app.contact.loops import gap
 from app.halfspace.fft.lengths import fast_length
 from app.parallel.reductions import minimum_over, njit_reassoc
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base.quantities import ESTIMATED
-from app.contact import kernels
+from app.contact import loops
 from app.parallel.reductions import sum_over, sums_and_minima
 
 HIGHEST_ORDER, USUAL_ORDER = 2.0, 1.5
@@ -104,7 +104,7 @@ def compute_grid_numbers(state, comm):
     Collective over `comm`, which has all ranks that need the numbers.
     """
     grid = state.operator.grid
-    total, highest, cells = kernels.sum_pressure(state.p, state.in_contact())
+    total, highest, cells = loops.sum_pressure(state.p, state.in_contact())
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load, area = grid.cell_area * float(total), grid.cell_area * float(cells)
     return GridNumbers(load, state.depth, -float(lowest), area)

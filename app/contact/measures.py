@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact import kernels
+from app.contact import loops
 from app.halfspace.periodic_symbol import wave_numbers
 from app.halfspace.product import PeriodicProduct
 from app.parallel.halo import fetch_row_before
@@ -80,12 +80,12 @@ def measure_contact(state):
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     total = state.total_gap()
     contact = state.in_contact()
-    force, highest, _ = kernels.sum_pressure(state.p, contact)
+    force, highest, _ = loops.sum_pressure(state.p, contact)
     # Includes cells without pressure, like the perimeter.
     cells = np.count_nonzero(contact)
     repeats_y, repeats_x = grid.repeats
     before = fetch_row_before(contact, repeats_y, slabs, state.comm, False)
-    in_x, in_y = kernels.count_faces(contact, before, repeats_x)
+    in_x, in_y = loops.count_faces(contact, before, repeats_x)
     if slabs.local and slabs.rows.stop == grid.ny and not repeats_y:
         in_y += np.count_nonzero(contact[-1])
     sums = total, cells, in_x, in_y, force, *_plastic_sums(state)
@@ -145,7 +145,7 @@ def contact_width(state, contact, enough):
             last = np.zeros(contact.shape, np.uint8)
             last[-1:] = runs
             runs[...] = fetch_row_before(last, repeats_y, slabs, state.comm, 0)
-        widths = kernels.longest_runs(contact, repeats_x, enough, runs, buffer)
+        widths = loops.longest_runs(contact, repeats_x, enough, runs, buffer)
     in_x, in_y = np.negative(state.minimum(np.negative(widths))).astype(int).tolist()
     return min(in_x, grid.nx), min(in_y, grid.ny)
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact import kernels
+from app.contact import loops
 from app.halfspace.operator import wrap_vec
 from app.parallel.reductions import minimum_over, sum_over
 
@@ -170,7 +170,7 @@ class Pressed:
     def total_gap(self):
         """Return the sum of e over this rank's admissible cells [mm]."""
         b, admissible = self.distance.b, self.admissible
-        return kernels.sum_gaps(b, self._depth, self.u, admissible, admissible)[1]
+        return loops.sum_gaps(b, self._depth, self.u, admissible, admissible)[1]
 
     @property
     def values(self):
@@ -236,16 +236,14 @@ class Pressed:
     def on_contact(self, with_h=False):
         """Return the `Gaps` of C, with the norm of h if `with_h`. Collective."""
         b, depth, contact = self.distance.b, self._depth, self.contact
-        h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
-        squares, total, cells, h = self.sum(
-            [*kernels.sum_gaps(b, depth, self.u, contact, contact), h_squares]
-        )
+        h_squares = loops.sum_squares(b, -depth, contact) if with_h else np.nan
+        squares, total, cells, h = self.sum([*loops.sum_gaps(b, depth, self.u, contact, contact), h_squares])
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
         """Return the sums of gaps over C and over overlapping elastic cells, with the load. Collective."""
         overlapping = self.not_plastic()
-        sums = kernels.sum_gaps(self.distance.b, self._depth, self.u, self.contact, overlapping)
+        sums = loops.sum_gaps(self.distance.b, self._depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -345,7 +343,7 @@ class ContactState(Pressed):
         """Return -(h + u) on C, else 0 [mm], the right-hand side of (2.11)."""
         with self.right as values:
             out = values.reshape(self.u.shape)
-            kernels.defect(self.distance.b, self._depth, self.u, self.contact, 1.0, out)  # (2.11)
+            loops.defect(self.distance.b, self._depth, self.u, self.contact, 1.0, out)  # (2.11)
         return self.right
 
     def add(self, correction):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.list_kernels import BAND, SEGMENT, sum_local
+from app.halfspace.list_loops import BAND, SEGMENT, sum_local
 
 _BLOCKS = 64  # largest number of blocks in each direction, to estimate the number of pairs
 

@@ -62,7 +62,7 @@ from app.base.errors import InputError
 from app.halfspace.cell_list import LocalSum, estimate_pairs
 from app.halfspace.fft.lengths import fast_length
 from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
-from app.halfspace.list_kernels import gather, spread
+from app.halfspace.list_loops import gather, spread
 
 # Either part of the error bound is about 1e-8 of S(0, 0).
 _SPLIT = 0.4  # a times the spacing of nodes

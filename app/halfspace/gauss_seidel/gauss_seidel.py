@@ -35,7 +35,7 @@ because the kernel is even.
 import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
-from app.halfspace.gauss_seidel.kernels import LANES, TILE, find_contact_extent, solve_leaf, transfer
+from app.halfspace.gauss_seidel.loops import LANES, TILE, find_contact_extent, solve_leaf, transfer
 from app.halfspace.gauss_seidel.pipeline import SweepMessages
 from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, SweepTables
 from app.parallel.slabs import Slabs, none_if_single

@@ -6,7 +6,7 @@ from scipy.fft import rfft
 from app.halfspace.fft.fftw import FFTW, aligned
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
-from app.halfspace.gauss_seidel.kernels import LANES, MIN_RUN, TILE, RowSolver
+from app.halfspace.gauss_seidel.loops import LANES, MIN_RUN, TILE, RowSolver
 from app.halfspace.gauss_seidel.pipeline import deal_chunks
 
 LEAF_ROWS = 64, 32  # On one rank, on several. More rows mean more sequential work, fewer rows more messages.

@@ -15,7 +15,7 @@ Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
 """
 
 from app.base.numba_cache import njit
-from app.contact.kernels import gap
+from app.contact.loops import gap
 from app.methods.free.circulant import circulant_inverse
 
 MAX_LOAD_RATIO = 20.0  # largest ratio of the loads of the two grids, either way; above it p is copied

@@ -4,7 +4,7 @@ from math import sqrt
 
 from petsc4py import PETSc
 
-from app.contact import kernels
+from app.contact import loops
 from app.contact.state import Displacement
 from app.halfspace.operator import apply_logged
 from app.methods.free.residual_trend import ResidualTrend
@@ -155,7 +155,7 @@ class TrackingSolver(LinearSolver):
         if not factor or extend is None:
             return None
         expected, trend = self._cg.product, None
-        kernels.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)
+        loops.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)
         if state.plastic_cells():
             trend = ResidualTrend(expected, state.contact, state.operator.slabs, state.comm)
             trend.add(-1.0, state.contact, expected)

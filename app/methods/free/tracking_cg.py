@@ -16,7 +16,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact.kernels import gap
+from app.contact.loops import gap
 from app.halfspace.mat_methods import check_unscaled
 from app.halfspace.operator import InfluenceOperator, get_operator, wrap_vec
 from app.multigrid.ksp_context import KspContext

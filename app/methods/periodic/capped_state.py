@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from app.contact import bounds_kernels, full_plasticity, prescribed_load
+from app.contact import bounds_loops, full_plasticity, prescribed_load
 from app.contact.loading import PrescribedApproach
 from app.methods.periodic.state import PrimalState
 from app.parallel.reductions import sums_and_minima
@@ -204,7 +204,7 @@ class CappedPrimalState(PrimalState):
         p, upper = self.values, self.bounds.upper
         before[...] = p
         # The lower bound first: without plastic cells the sum is that without a hardness, to the last bit.
-        total = bounds_kernels.project(before, None, self.contact, p)
+        total = bounds_loops.project(before, None, self.contact, p)
         limited = self.plastic | (p > upper)
         if limited.any():
             np.copyto(p, upper, where=limited)

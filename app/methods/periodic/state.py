@@ -6,8 +6,7 @@ import numpy as np
 
 from app.contact.periodic_state import PeriodicState
 from app.contact.state import Displacement, Pressed, Update
-from app.methods.periodic import kernels as loops
-from app.methods.periodic import stencil
+from app.methods.periodic import loops, stencil
 
 MAX_RETREAT_FRACTION = 0.75  # largest predicted retreat of the bodies, over the depth beyond first touch
 CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured gaps are closed
@@ -224,14 +223,14 @@ class PrimalState(Pressed):
         return self.admissible
 
     def _guess_sources(self, scale, force, lowest):
-        """Compute `force` and `lowest` for `guess`; see `kernels.guess_sources`.
+        """Compute `force` and `lowest` for `guess`; see `loops.guess_sources`.
 
         Return how far a pressure equal to the hardness displaces a cell [mm], or None without a hardness.
         """
         loops.guess_sources(self.p, self.w, self.distance.b, self.admissible, scale, force, lowest)
 
     def _apply_guess(self, x, lowest):
-        """Add the guess x to w, and set contact; see `kernels.apply_guess`."""
+        """Add the guess x to w, and set contact; see `loops.apply_guess`."""
         loops.apply_guess(x, lowest, self.w, self.distance.b, self.contact)
 
     def _touch(self):
@@ -268,7 +267,7 @@ class PrimalState(Pressed):
         return Update(cells, captured, released, residual, load=self.load, approach=approach, moves=moves)
 
     def _exchange_cells(self, solver, *limits):
-        """Exchange cells of this rank; see `app.contact.bounds_kernels.exchange`."""
+        """Exchange cells of this rank; see `app.contact.bounds_loops.exchange`."""
         fields = solver.carried, None, self.w, solver.change, self.distance.b, self.contact, None
         return self.bounds.exchange(*fields, *limits)
 

@@ -10,7 +10,7 @@ at each end. Work arrays are in single precision, which is enough for a precondi
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import clipped_displacement
+from app.contact.bounds_loops import clipped_displacement
 from app.parallel.reductions import (
     add_row,
     copy_row,

@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.numba_cache import as_writable
-from app.contact import kernels
+from app.contact import loops
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Grid
 from app.halfspace.kernel import UNIT
@@ -175,7 +175,7 @@ class TwoGrid:
             mask, grid = self.operator.mask, self.operator.grid
             self._free = before, _ = self._rows(mask)
             last = before[-1] if len(before) else np.zeros(grid.nx, bool)
-            counts = *kernels.count_faces(mask, last, True), np.count_nonzero(mask)
+            counts = *loops.count_faces(mask, last, True), np.count_nonzero(mask)
             in_x, in_y, cells = sum_over(self.operator.comm, counts)
             perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
             if self._long_waves and cells:

@@ -93,4 +93,4 @@ def test_only_the_bounds_compare_and_clip_pressures():
             text = ast.unparse(ast.parse(path.read_text(encoding="utf-8")))  # without comments
             code = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
             found += [path.relative_to(APP).as_posix()] if spelt.search(code) else []
-    assert set(found) <= {"contact/bounds.py", "contact/bounds_kernels.py"}
+    assert set(found) <= {"contact/bounds.py", "contact/bounds_loops.py"}

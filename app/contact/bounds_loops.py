@@ -2,13 +2,13 @@
 
 `upper` is the hardness H, of shape (rows, nx), or None for p >= 0. For None numba compiles each loop without the
 branches for H; loops about plastic cells need an array. Outside the contact set C a cell with p >= H is plastic; any
-other cell is open. Other arrays are as in `app.contact.kernels`.
+other cell is open. Other arrays are as in `app.contact.loops`.
 """
 
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.kernels import gap
+from app.contact.loops import gap
 from app.parallel.reductions import add_row, add_tuples, njit_reassoc, sum_row
 
 NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells

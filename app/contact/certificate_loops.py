@@ -1,6 +1,6 @@
 """Compiled loops of `app.contact.certificate`.
 
-Arrays are as in `app.contact.bounds_kernels`. In inadmissible cells the gap e counts as zero.
+Arrays are as in `app.contact.bounds_loops`. In inadmissible cells the gap e counts as zero.
 
 A change of p by w / slope moves the gap by w. The *reduced gap* of a cell is the g that minimises
 ``p max(g, 0) + (H - p) max(-g, 0) + (g - e)^2 / (2 slope)``. So e is moved towards zero, by at most slope p from above,
@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import is_plastic, violation
-from app.contact.kernels import gap
+from app.contact.bounds_loops import is_plastic, violation
+from app.contact.loops import gap
 from app.parallel.reductions import add_tuples, njit_reassoc
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.methods.periodic import kernels
+from app.methods.periodic import loops
 
 
 def test_overlapping_cells_touch():
@@ -10,7 +10,7 @@ def test_overlapping_cells_touch():
     w, b, contact, admissible = *rng.normal(size=(2, 6, 7)), *(rng.random((2, 6, 7)) < 0.5)
     contact &= admissible
     touches, before, change = contact | (admissible & (w <= b)), w.copy(), np.empty((6, 7))
-    kernels.touch(w, b, admissible, contact, change)
+    loops.touch(w, b, admissible, contact, change)
     np.testing.assert_array_equal(contact, touches)
     np.testing.assert_array_equal(w, np.where(touches, b, before))
     np.testing.assert_array_equal(change, np.where(touches, b - before, 0))
