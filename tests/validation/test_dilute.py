@@ -92,6 +92,19 @@ def test_lists_give_the_exact_solution_up_to_their_bound(kind, rtol, split, forc
     assert len(forced) == 12 and sum(forced) >= 10  # where coarse grids mislead, all cells are used
 
 
+@pytest.mark.parametrize("seed", [4, 6, 7])
+def test_a_load_that_is_far_exceeded_at_first_is_not_lost_in_rounding(seed, forced):
+    rng = np.random.default_rng(seed)
+    gap, j, i = np.full(GRID.shape, 1e5), rng.integers(0, 20), rng.integers(0, 25)
+    gap[j : j + 2, i : i + 2] = 0.0  # most coarse cells are far higher: the first depth is much too large
+    gap[j, i + 1] = 1e-12
+    problem = ContactProblem(GRID, MATERIAL, gap)
+    found, dense = solve(problem, load=1e-10), DenseProblem(problem)
+    exact = dense.under(1e-10, found.approach)[0]
+    assert forced == [True] and found.converged
+    assert dense.energy(found.pressure - exact) <= found.error_bound * dense.energy(found.pressure)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_fields_and_numbers_are_those_without_lists(kind, forced, monkeypatch):
     problem = ContactProblem(GRID, MATERIAL, kind(np.random.default_rng(7)))

@@ -16,6 +16,7 @@ from app.methods.free.solver import TrackingSolver
 from app.methods.free.windows import WindowState
 
 STENCIL_RADIUS = 8  # cells at which the inverse of A is cut off
+MAX_FALL = 4.0  # of the largest displacement since the start: more is lost in its rounding
 
 
 class CountedProduct(ListProduct):
@@ -122,6 +123,7 @@ class ListSolver(TrackingSolver):
     def begin(self, multilevel):
         """Use the list's product, whatever `multilevel` is."""
         super().begin(False)
+        self._largest = 0.0
 
     def _multiply_in_contact(self, p, u):
         self.operator.product.apply(p, u, self.operator.mask)
@@ -129,10 +131,12 @@ class ListSolver(TrackingSolver):
     def update_displacement(self, state):
         """Update u by the last change of p; see `TrackingSolver.update_displacement`.
 
-        The sum of products is as accurate as the product of the sum.
+        The sum of products is as accurate as the product of the sum, unless it is much smaller than the products.
         """
+        self._largest = max(self._largest, np.abs(state.u).max())
         super().update_displacement(state)
-        if state.displacement_status is Displacement.UPDATED:
+        small = self._largest > MAX_FALL * np.abs(state.u).max()
+        if state.displacement_status is Displacement.UPDATED and not small:
             state.displacement_status = Displacement.EXACT
 
 
