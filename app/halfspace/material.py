@@ -351,7 +351,7 @@ class Material:
             )
         creep, relaxation = CreepFunction.from_relaxation(times, moduli), {}
         if body is not None:
-            if body not in (1, 2) or not self.bodies:
+            if isinstance(body, bool) or body not in (1, 2) or not self.bodies:
                 raise InputError(f"body {body}: must be 1 or 2, of a material made by Material.pair")
             young, poisson = self.bodies["young"][body - 1], self.bodies["poisson"][body - 1]
             creep = creep.mixed(self.contact_modulus * (1 - poisson**2) / young)

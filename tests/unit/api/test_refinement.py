@@ -218,6 +218,8 @@ def test_a_problem_with_a_hardness_is_refined_if_it_is_one_number():
     assert refined.reached and refined.solution.max_pressure == 1000.0 and refined.solution.plastic.any()
     with pytest.raises(InputError, match="a hardness known on its grid only; must be a number"):
         refine(replace(hertz(16), hardness=np.full((16, 16), 1000.0)), until=0.1, load=9e4)
+    with pytest.raises(InputError, match="a background pressure known on its grid only; must be a number"):
+        refine(replace(hertz(16), background_pressure=np.ones((16, 16))), until=0.1, load=9e4)
 
 
 def test_only_the_errors_of_chosen_quantities_count():
