@@ -17,13 +17,8 @@ from app.api.load_path import LoadPath
 from app.api.shifted_problem import ShiftedProblem
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 
-_SUMS = (
-    "mean_pressure",
-    "max_pressure",
-    "mean_contact_pressure",
-    "moment_x",
-    "moment_y",
-)  # linear in the pressure
+# Linear in the pressure.
+_SUMS = "mean_pressure", "max_pressure", "mean_contact_pressure", "moment_x", "moment_y"
 
 
 class CreepStep(ShiftedProblem):
@@ -67,7 +62,7 @@ class CreepStep(ShiftedProblem):
 class CreepPath(LoadPath):
     """Iterator over the solutions of viscoelastic bodies at increasing times. Collective.
 
-    The table has a column ``time`` [s]. Other arguments and attributes are those of `LoadPath`.
+    Solutions and table have the ``time`` [s]. Other arguments and attributes are those of `LoadPath`.
 
     Parameters
     ----------
@@ -85,6 +80,7 @@ class CreepPath(LoadPath):
         super().__init__(solver, kind, numbers, stiffness, (), progress)
         if len(self.numbers) != len(self.times):
             raise InputError(f"creep: {len(self.numbers)} values of {kind} for {len(self.times)} times")
+        self.coordinates = {"time": self.times}
         self._creep = solver.problem.material.creep
         shape = solver.hierarchy.target.local_shape
         self._pressure = np.zeros(shape)  # p and the e_i of the last finished step
@@ -103,9 +99,6 @@ class CreepPath(LoadPath):
         self._pressure = solution.pressure
         self._internal = internal + np.multiply.outer(after, solution.pressure)
         return solution
-
-    def _row(self, step, solution):
-        return {"step": step + 1, "time": self.times[step]} | super()._row(step, solution)
 
 
 def _as_times(times):

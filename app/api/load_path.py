@@ -16,6 +16,7 @@ on a self-affine surface of 512 x 512 cells::
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from numbers import Number
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,7 @@ class LoadPath:
     """
 
     can_resume = True  # False if a step depends on more than the numbers of the steps before
+    coordinates: Mapping[str, list[float]] = {}  # name -> number of each step besides its loading, such as its time
 
     rows: list[dict[str, Any]]
     numbers: list[float]
@@ -182,6 +184,8 @@ class LoadPath:
             if self._solver.problem is not self._problem:
                 raise InputError("path: the solver has another problem now; make a new path")
             solution = self._solve_step(history, self.numbers[step])
+            if place := {name: numbers[step] for name, numbers in self.coordinates.items()}:
+                solution = replace(solution, problem=solution.problem | place)
             self.rows[step:] = [self._row(step, solution)]
             yield solution
 
@@ -211,6 +215,7 @@ class LoadPath:
     def _row(self, step, solution):
         return {
             "step": step + 1,
+            **{name: solution.problem[name] for name in self.coordinates},
             **numbers_of(solution),
             **solution.requested_numbers,
             "converged": solution.converged,
@@ -225,8 +230,8 @@ class LoadPath:
     def table(self) -> dict[str, np.ndarray]:
         """Table of finished steps: name -> ndarray, shape (steps,).
 
-        Missing values are NaN. With two or more steps, ``stiffness_by_differences`` is the stiffness from differences
-        between neighbouring steps.
+        Missing values are NaN. With two or more steps of the same bodies, ``stiffness_by_differences`` is the stiffness
+        from differences between neighbouring steps.
 
         Raises
         ------
@@ -239,7 +244,7 @@ class LoadPath:
             )
         names = dict.fromkeys(name for row in self.rows for name in row)
         columns = {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
-        if len(self.rows) > 1:
+        if len(self.rows) > 1 and not self.coordinates:  # else the bodies of two steps differ
             columns["stiffness_by_differences"] = _slopes(columns)
         columns["converged"] = columns.pop("converged")
         return columns
@@ -344,7 +349,7 @@ class _LoadHistory:
 
 def numbers_of(solution):
     """Return a solution's numbers for a row of a table. Collective."""
-    optional = (*THEORIES, *ROLLER_NUMBERS, *(f"analytic_{name}" for name in ANALYTIC))
+    optional = (*THEORIES, *ROLLER_NUMBERS, "worn_volume", *(f"analytic_{name}" for name in ANALYTIC))
     return {
         **{name: getattr(solution, name) for name in COLUMNS},
         **({} if solution.plastic is None else {name: getattr(solution, name) for name in PLASTIC_NUMBERS}),

@@ -15,10 +15,11 @@ NOT_CONVERGING = "does not converge with the grid"
 _MIN_ERROR = 1e-9  # relative; smaller ones are of prescribed quantities
 
 
-def summary(facts, grid, output=None):
+def summary(facts, grid, output=None, fields=()):
     """Return the text that app.solve prints on a solution.
 
-    `facts` are the root attributes of the result file; `output` is the name of the file.
+    `facts` are the root attributes of the result file; `output` is the name of the file. `fields` has the names of
+    further fields.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
@@ -43,6 +44,7 @@ def summary(facts, grid, output=None):
             f"x at {round_to_cell(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
         )
     lines += [_describe_material(facts), _describe_contact(facts, grid), *_describe_pressure(facts, grid)]
+    lines += _describe_extensions(facts, fields)
     lines += _describe_accuracy(facts)
     ranks = format_count(facts["ranks"], "rank")
     if facts["solving_ranks"] < facts["ranks"]:
@@ -104,6 +106,10 @@ def _describe_material(facts):
         text += f", of E {e1:g} and {e2:g}, nu {nu1:g} and {nu2:g}"
     if "shear_modulus" in facts:
         text += f" (combined G {facts['shear_modulus']:.6g} N/mm2, nu {facts['poisson_ratio']:.4g})"
+    if "relaxation_times" in facts:
+        spectrum = zip(facts["relaxation_moduli"], facts["relaxation_times"], strict=True)
+        text += f", relaxing body: {facts.get('relaxing_body', '1 and 2')}, by "
+        text += ", ".join(f"{100 * share:.4g}% in {time:.6g} s" for share, time in spectrum)
     return text
 
 
@@ -157,6 +163,18 @@ def _describe_pressure(facts, grid):
         lines += _describe_stiffness(facts, grid)
     if "flow_error" in facts:
         lines.append(_describe_flow(facts))
+    return lines
+
+
+def _describe_extensions(facts, fields):
+    """Return lines on background pressure, surface compliance, time and wear."""
+    names = "background_pressure", "surface_compliance", *(["time"] if "relaxation_times" in facts else [])
+    lines = [f"{label_of(name)} {facts[name]:.6g} {unit_of(name)}" for name in names if name in facts]
+    if "background_pressure" in fields:
+        lines.append("background pressure of each cell")
+    if {"worn_volume", "sliding_distance"} <= facts.keys():
+        text = f"worn volume {facts['worn_volume']:.6g} mm3 at a sliding distance of "
+        lines.append(text + format_quantity(facts["sliding_distance"], "mm", 6))
     return lines
 
 

@@ -42,7 +42,8 @@ def as_result(solution):
 def summarize(solution):
     """Return the text that app.solve prints on a solution."""
     facts = solution.attributes
-    return summary(facts if "contact_patches" in facts else facts | solution.count_patches(), solution.grid)
+    facts = facts if "contact_patches" in facts else facts | solution.count_patches()
+    return summary(facts, solution.grid, fields=solution.extra)
 
 
 def plot_solution(solution, name=None, axes=None):
@@ -53,7 +54,7 @@ def plot_solution(solution, name=None, axes=None):
 
 def _path_figure(path):
     columns = {name: np.asarray(column, float) for name, column in path.table.items()}
-    heading = f"{len(path.rows)} steps of a load path"
+    heading = f"{len(path.rows)} steps" + " of a load path" * (not path.coordinates)
     return load_curves.path_figure([load_curves.make_path(columns, "")], heading)
 
 

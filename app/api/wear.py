@@ -54,7 +54,7 @@ class WearStep(ShiftedProblem):
 class WearPath(LoadPath):
     """Iterator over the solutions of bodies that wear. Collective.
 
-    The table has the columns ``sliding_distance`` [mm] and ``worn_volume`` [mm3], both since the start. Other arguments
+    Solutions and table have ``sliding_distance`` [mm] and ``worn_volume`` [mm3], both since the start. Other arguments
     and attributes are those of `LoadPath`.
 
     Parameters
@@ -73,7 +73,7 @@ class WearPath(LoadPath):
     can_resume = False
 
     def __init__(self, solver, bodies, compliance, distances, kind, numbers, stiffness=False, progress=False):
-        self.distances, self._bodies, self._compliance = distances, bodies, compliance
+        self.coordinates, self._bodies, self._compliance = {"sliding_distance": distances}, bodies, compliance
         self._worn = np.zeros(solver.hierarchy.target.local_shape)
         super().__init__(solver, kind, numbers, stiffness, (), progress)
 
@@ -83,7 +83,3 @@ class WearPath(LoadPath):
             solution = self._solve_counted(number)
         self._worn = solution.extra["worn_depth"]
         return solution
-
-    def _row(self, step, solution):
-        worn = {"sliding_distance": self.distances[step], "worn_volume": solution.problem["worn_volume"]}
-        return worn | super()._row(step, solution)

@@ -15,26 +15,26 @@ class Quantity(NamedTuple):
 
 
 _APPROACH = "how far the bodies have moved towards each other"
-QUANTITIES = {
+# Numbers of a report, in its order.
+REPORTED = {
     "load": Quantity("N", "load", "normal force", "F"),
     "approach": Quantity("mm", "approach", _APPROACH, "δ"),
-    "indentation": Quantity("mm", "approach beyond first touch"),
-    "tilt_x": Quantity("1", "tilt in x", "slope by which the undeformed distance is reduced"),
-    "tilt_y": Quantity("1", "tilt in y"),
     "mean_pressure": Quantity("N/mm2", "mean pressure", "load over the area of the patch"),
-    "mean_gap": Quantity("mm", "mean gap", "over the cells where contact is possible"),
+    "max_pressure": Quantity("N/mm2", "maximum pressure", "largest mean pressure of a cell"),
     "contact_area": Quantity("mm2", "contact area", "cells in contact times their area"),
+    "mean_contact_pressure": Quantity("N/mm2", "mean pressure in contact", "load over contact area"),
     "contact_fraction": Quantity("1", "contact fraction", "share of the cells where contact is possible"),
     "contact_fraction_corrected": Quantity(
         "1", "contact fraction, corrected", "the same, corrected for its stepped boundary"
     ),
+    "persson_fraction": Quantity(
+        "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"
+    ),
+    "bush_gibson_thomas_fraction": Quantity("1", "Bush, Gibson and Thomas's", "the same for light loads"),
+    "contact_cells": Quantity("1", "cells in contact"),
+    "contact_patches": Quantity("1", "contact spots", "sets of contact cells connected by edges"),
+    "largest_patch": Quantity("mm2", "largest contact spot"),
     "perimeter": Quantity("mm", "perimeter", "length of the faces between contact and no contact"),
-    "max_pressure": Quantity("N/mm2", "maximum pressure", "largest mean pressure of a cell"),
-    "mean_contact_pressure": Quantity("N/mm2", "mean pressure in contact", "load over contact area"),
-    "pressure_centre_x": Quantity("mm", "centre of pressure, x"),
-    "pressure_centre_y": Quantity("mm", "centre of pressure, y"),
-    "moment_x": Quantity("N mm", "moment in x"),
-    "moment_y": Quantity("N mm", "moment in y"),
     "semi_axis_major": Quantity(
         "mm", "larger semi-axis", "of the ellipse with the second moments of the contact"
     ),
@@ -54,13 +54,19 @@ QUANTITIES = {
     "half_width_middle": Quantity("mm", "half width in the middle", "of the roller"),
     "half_width_lower_end": Quantity("mm", "half width at the lower end", "of the contact, in y"),
     "half_width_upper_end": Quantity("mm", "half width at the upper end", "of the contact, in y"),
-    "major_axis_angle": Quantity("degree", "larger semi-axis from x"),
-    "persson_fraction": Quantity(
-        "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"
-    ),
-    "bush_gibson_thomas_fraction": Quantity("1", "Bush, Gibson and Thomas's", "the same for light loads"),
-    "contact_patches": Quantity("1", "contact spots", "sets of contact cells connected by edges"),
-    "largest_patch": Quantity("mm2", "largest contact spot"),
+    "tilt_x": Quantity("1", "tilt in x", "slope by which the undeformed distance is reduced"),
+    "tilt_y": Quantity("1", "tilt in y"),
+    "pressure_centre_x": Quantity("mm", "centre of pressure, x"),
+    "pressure_centre_y": Quantity("mm", "centre of pressure, y"),
+    "plastic_area": Quantity("mm2", "plastic area", "cells at the hardness times their area"),
+    "plastic_fraction": Quantity("1", "plastic fraction", "share of the cells where contact is possible"),
+    "persson_hardness_fraction": Quantity("1", "Persson's theory with hardness", "contact fraction"),
+    "persson_plastic_fraction": Quantity("1", "Persson's theory, plastic", "share at the hardness"),
+    "plastic_volume": Quantity("mm3", "plastic volume", "volume of the permanent indentation"),
+    "mean_plastic_depth": Quantity("mm", "mean plastic depth", "permanent indentation, over the same cells"),
+    "hardness": Quantity("N/mm2", "hardness", "largest pressure of a cell"),
+    "largest_load": Quantity("N", "largest load", "all cells at the hardness"),
+    "mean_gap": Quantity("mm", "mean gap", "over the cells where contact is possible"),
     "stiffness": Quantity("N/mm", "stiffness", "dF/dδ, change of the load with the approach", "dF/dδ"),
     "unloading_stiffness": Quantity(
         "N/mm", "unloading stiffness", "dF/dδ of the whole contact while it unloads"
@@ -73,24 +79,34 @@ QUANTITIES = {
     ),
     "thermal_conductance": Quantity("W/K", "thermal conductance", "without gas in the gap and radiation"),
     "transmissivity_x": Quantity("mm3", "transmissivity in x", "of a uniform gap g: g³/12"),
-    "transmissivity_y": Quantity("mm3", "transmissivity in y"),
     "hydraulic_aperture_x": Quantity("mm", "hydraulic aperture in x", "uniform gap of this flow"),
+    "transmissivity_y": Quantity("mm3", "transmissivity in y"),
     "hydraulic_aperture_y": Quantity("mm", "hydraulic aperture in y"),
     "flow_error": Quantity("1", "error of the transmissivities", "proved, relative"),
-    "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),
-    "seconds": Quantity("s"),
-    "contact_cells": Quantity("1", "cells in contact"),
+    "time": Quantity("s", "time", "since the sudden load"),
+    "sliding_distance": Quantity("mm", "sliding distance", "since the start"),
+    "worn_volume": Quantity("mm3", "worn volume", "of both bodies, since the start"),
+    "tangential_load": Quantity("N", "tangential load"),
+    "tangential_displacement": Quantity("mm", "tangential displacement", "of distant points"),
+    "tangential_stiffness": Quantity("N/mm", "tangential stiffness", "while the tangential load grows"),
+    "stick_area": Quantity("mm2", "sticking area"),
+    "slip_area": Quantity("mm2", "slipping area"),
+    "dissipated_energy": Quantity("N mm", "dissipated energy", "of a full cycle of the tangential load"),
     "contact_modulus": Quantity("N/mm2", "contact modulus E*", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
-    "hardness": Quantity("N/mm2", "hardness", "largest pressure of a cell"),
-    "largest_load": Quantity("N", "largest load", "all cells at the hardness"),
-    "plastic_area": Quantity("mm2", "plastic area", "cells at the hardness times their area"),
-    "plastic_fraction": Quantity("1", "plastic fraction", "share of the cells where contact is possible"),
-    "plastic_volume": Quantity("mm3", "plastic volume", "volume of the permanent indentation"),
-    "mean_plastic_depth": Quantity("mm", "mean plastic depth", "permanent indentation, over the same cells"),
-    "persson_hardness_fraction": Quantity("1", "Persson's theory with hardness", "contact fraction"),
-    "persson_plastic_fraction": Quantity("1", "Persson's theory, plastic", "share at the hardness"),
     "rms_height": Quantity("mm", "rms height", "of the undeformed distance about its mean"),
     "rms_slope": Quantity("1", "rms slope", "of the undeformed distance on this grid"),
+}
+QUANTITIES = REPORTED | {
+    "indentation": Quantity("mm", "approach beyond first touch"),
+    "moment_x": Quantity("N mm", "moment in x"),
+    "moment_y": Quantity("N mm", "moment in y"),
+    "major_axis_angle": Quantity("degree", "larger semi-axis from x"),
+    "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),
+    "seconds": Quantity("s"),
+    "background_pressure": Quantity("N/mm2", "background pressure", "of a gas or a fluid in the gap"),
+    "surface_compliance": Quantity(
+        "mm3/N", "surface compliance", "displacement of a cell by its own pressure"
+    ),
 }
 
 

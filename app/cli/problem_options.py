@@ -56,7 +56,7 @@ PROBLEM_OPTIONS = [
     Option("title", word, None, "output: heading of pictures and report"),
 ]  # fmt: skip
 UNITS = {
-    option.name: unit[1].replace("2", "²")
+    option.name: unit[1].replace("2", "²").replace("3", "³")
     for option in PROBLEM_OPTIONS
     if (unit := _UNIT.search(option.meaning))
 }

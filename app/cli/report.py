@@ -18,7 +18,7 @@ from app.api.contact_shape import EXTENTS, SEMI_AXES, contact_shape
 from app.api.subsurface import find_layer, find_poisson_ratio, stress, survey
 from app.api.summary import NOT_CONVERGING, centre_of_pressure, fails_to_converge
 from app.base.errors import InputError, is_number
-from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
+from app.base.quantities import ESTIMATED, REPORTED, label_of, unit_of
 from app.base.units import choose_length_unit, format_quantity
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command
@@ -27,18 +27,7 @@ from app.io.files import check_output_path, report_write_errors, write_text
 from app.io.result import read_result
 from app.plots import figures, style
 from app.plots.pictures import PICTURES, analytic_reference, pictures_of
-from app.problems.roller import NUMBERS as ROLLER_NUMBERS
 
-_QUANTITIES = (
-    "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
-    "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
-    "largest_patch", "perimeter", *SEMI_AXES, *EXTENTS, "load_per_length", "half_length", "half_width",
-    "mean_half_width", *ROLLER_NUMBERS, "tilt_x", "tilt_y", "pressure_centre_x", "pressure_centre_y", "plastic_area",
-    "plastic_fraction", "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume",
-    "mean_plastic_depth", "hardness", "largest_load", "mean_gap", "stiffness", "unloading_stiffness",
-    "conductance_width", "electrical_conductance", "thermal_conductance", "transmissivity_x", "hydraulic_aperture_x",
-    "transmissivity_y", "hydraulic_aperture_y", "flow_error", "contact_modulus", "rms_height", "rms_slope",
-)  # fmt: skip
 _ORIGIN = {
     "version": "version",
     "ranks": "MPI ranks",
@@ -52,11 +41,13 @@ _ORIGIN = {
 _REQUESTED = (
     "hertz_", "sphere_", "cylinder_", "roller_", "cone_", "punch_", "surface_", "body",
     "young", "poisson", "coating_", "shear_", "gap_", "resistivity", "thermal_conductivity",
+    "background_pressure", "relax", "friction",
 )  # fmt: skip
+_UNITS = UNITS | {"relaxation_times": "s"}
 _IN_SUMMARY = ("contact", "pressure", "history")  # figures
 _PATH_COLUMNS = (  # as many as the page is wide; the result file has all
-    "load", "approach", "mean_pressure", "max_pressure", "contact_area", "contact_fraction", "mean_gap", "stiffness",
-    "stiffness_by_differences",
+    "time", "sliding_distance", "load", "approach", "mean_pressure", "max_pressure", "contact_area",
+    "contact_fraction", "mean_gap", "worn_volume", "stiffness", "stiffness_by_differences",
 )  # fmt: skip
 _MAX_ROWS = 200
 _DPI, _SHOWN = 100, 0.68  # of pictures; pixels on the page over those of a picture
@@ -104,8 +95,7 @@ def numbers_section(result):
     values |= {f"pressure_centre_{name}": at for name, at in centre_of_pressure(values, grid).items()}
     values |= {name: values.get(name) or None for name in ("tilt_x", "tilt_y")}
     quantities = []
-    for name in _QUANTITIES:
-        unit, _, meaning, _ = QUANTITIES[name]
+    for name, (unit, _, meaning, _) in REPORTED.items():
         value, exact = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
             # A prescribed quantity does not differ from its analytic value.
@@ -182,9 +172,10 @@ def request_section(result):
         "patch": f"{size} {unit.name}, {kind}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
-    for name, value in values.items():
+    arrays = dict.fromkeys(result.extra.keys() & {"background_pressure"}, "of each cell")
+    for name, value in (values | arrays).items():
         if name.startswith(_REQUESTED):
-            unit = "" if isinstance(value, str) else UNITS.get(name, "")
+            unit = "" if isinstance(value, str) else _UNITS.get(name, "")
             facts[name] = f"{format_attribute(value)} {unit}".rstrip()
     if values.get("command_line"):
         facts["command line"] = values["command_line"]

@@ -98,7 +98,7 @@ def main(parsed):
     if text:
         session.print_output(text)
     facts["compile_seconds"] = compile_seconds()
-    session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
+    session.print_output(summary(solution.attributes | facts, solution.grid, request.output, solution.extra))
     if not request.output:
         session.print_output("  the solution is not saved; -output F.h5 saves it for app.plot and app.report")
     for line in notes:

@@ -51,6 +51,7 @@ NUMBERS = (  # optional, like those of the table of quantities
     "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
     "load_error", "approach_error", "max_pressure_error", "contact_area_error",
 )  # fmt: skip
+_COMMON_NAMES = ("time",)  # users may have saved other values by these names
 PAIRS = ("young", "poisson", "cell_size")
 MIN_CELL = 1e-60  # mm, and 1 / MIN_CELL the largest: powers of cell sizes must not overflow
 MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
@@ -278,7 +279,7 @@ def read_attributes(file):
             raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
         if name in TEXTS and not isinstance(plain, str):
             raise InputError(f"attribute {name}: {plain!r} where a text is needed")
-        is_number = name not in TEXTS and name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
+        is_number = name not in (*TEXTS, *_COMMON_NAMES) and name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
         if name == "periodic" and plain in ("x", "y"):
             continue
         if is_number and not isinstance(plain, bool | int | float):

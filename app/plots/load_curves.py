@@ -8,6 +8,7 @@ on the curves.
 import csv
 import re
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, p
 
 _AXES = (  # drawn columns
     "load", "approach", "indentation", "max_pressure", "contact_area", "stiffness", "contact_fraction", "mean_gap",
-    "transmissivity_x",
+    "transmissivity_x", "time", "sliding_distance",
 )  # fmt: skip
 # Drawn column -> column to which the error is relative, and column of the error; default: NAME, NAME_error.
 _ERRORS = {
@@ -41,6 +42,8 @@ _ERRORS = {
     "mean_pressure": ("mean_pressure", "load_error"),
 }
 _FORCES = "load", "mean_pressure"
+_HISTORIES = "time", "sliding_distance"
+_MIN_LOG_SPAN = 100  # of the largest to the smallest time on a logarithmic axis
 _FRACTION = "contact_fraction"
 # Drawn column -> columns of the plastic part, and of its theory.
 _PLASTIC = {
@@ -114,8 +117,10 @@ def path_figure(paths, heading=""):
 
     For nominally flat rough bodies the panels show contact fraction, kappa, mean gap and stiffness against pressure,
     with the theories of Persson and of Bush, Gibson and Thomas. kappa is the contact fraction divided by the relative
-    pressure. For other bodies the panels show load, pressure, area and stiffness.
+    pressure. For other bodies the panels show load, pressure, area and stiffness. If the bodies creep or wear, they
+    show load, approach, pressure and area against time or sliding distance.
     """
+    history = next((x for x in _HISTORIES if all(x in path.columns for path in paths)), None)
     rough = all(path.scale > 0 and path.select("mean_pressure", _FRACTION) is not None for path in paths)
     has_flow = any("transmissivity_x" in path.columns for path in paths)
     figure, panels = new_panels([(7.0, 4.3)] * (4 + has_flow), 2, heading)
@@ -125,7 +130,8 @@ def path_figure(paths, heading=""):
         factor, labels[name] = scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
         shown = [path.multiply(factor, name) for path in shown]
     labels["stiffness"] += note
-    (_draw_rough if rough else _draw_smooth)(panels[:4], shown, labels)
+    draw = partial(_draw_history, history) if history else _draw_rough if rough else _draw_smooth
+    draw(panels[:4], shown, labels)
     if has_flow:
         _draw_panel(panels[4], shown, labels, "load", "transmissivity_x")
     return figure
@@ -195,6 +201,15 @@ def _divide(path):
     return path._replace(columns={"mean_pressure": p} | shares)
 
 
+def _draw_history(x, panels, paths, labels):
+    """Draw numbers against time or sliding distance; times that span decades on a logarithmic axis."""
+    positive = [time for time in _select_all(paths, x) if time > 0]
+    log = x == "time" and positive and max(positive) >= _MIN_LOG_SPAN * min(positive)
+    for axes, y in zip(panels, ("load", "indentation", "max_pressure", "contact_area"), strict=True):
+        _draw_panel(axes, paths, labels, x, y, "")
+        set_log_axes(axes, "x" if log else "")
+
+
 def _draw_smooth(panels, paths, labels):
     x, columns = "approach", [path.columns for path in paths]
     values = _select_all(paths, x)
@@ -222,7 +237,8 @@ def _draw_panel(axes, paths, labels, x, y, logs="xy", others=()):
         if values is not None:
             axes.plot(*values, **series_style(number), label=path.name or "computed")
             _draw_errors(axes, path, x, y, number)
-            _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
+            if x not in _HISTORIES:
+                _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
     if not axes.lines:
         missing = [name for name in (x, y) if all(path.select(name, above=above) is None for path in paths)]
         annotate_empty(axes, f"no {(*missing, y)[0].replace('_', ' ')}")

@@ -41,7 +41,7 @@ def test_steps_obey_the_contact_conditions(kind, periodic):
     for step, solution in enumerate(solutions):
         u = hereditary(dense.matrix, SPECTRUM.creep, times, pressures, step)
         e = problem.gap.ravel() - solution.approach + u
-        assert solution.converged and path.table["time"][step] == times[step]
+        assert solution.converged and path.table["time"][step] == solution.time == times[step]
         np.testing.assert_allclose(solution.displacement.ravel(), u, atol=1e-9)
         np.testing.assert_allclose(solution.gap.ravel(), e, atol=1e-9)
         assert (
@@ -148,6 +148,7 @@ def test_one_body_creeps():
         (((5e-324,), (0.5,)), "positive times"),
         (("soon", 1), "must be times"),
         ((1, 0.5, 3), "body 3: must be 1 or 2"),
+        ((1, 0.5, True), "body True: must be 1 or 2"),
     ],
 )
 def test_wrong_spectra_are_refused(arguments, message):

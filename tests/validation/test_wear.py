@@ -106,6 +106,9 @@ def test_volume_of_archard_and_the_worn_shape(periodic, tmp_path):
     last.save(tmp_path / "worn.h5")
     read = read_result(tmp_path / "worn.h5")
     assert np.array_equal(read.worn_depth, last.worn_depth) and read.worn_volume == last.worn_volume
+    assert [solution.sliding_distance for solution in solutions] == path.table["sliding_distance"].tolist()
+    assert "stiffness_by_differences" not in path.table  # the bodies change between the steps
+    assert read.sliding_distance == 4000 and read.units["worn_depth"] == "mm"
 
 
 def test_implicit_steps_do_not_oscillate():

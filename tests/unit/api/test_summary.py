@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, Material, solve
+from app import ContactProblem, ContactSolver, Grid, Material, Sphere, solve
 from app.api.summary import summary
 
 
@@ -57,3 +57,30 @@ def test_the_time_of_compilation_is_apart_from_those_of_set_up_and_solve():
     line = f"{found.solve_seconds:.3g} s on 1 rank, set-up {found.setup_seconds:.3g} s"
     for seconds, end in ((0.0, "\n"), (43.12, ", compiling, once: 43.1 s\n")):
         assert line + end in summary(found.attributes | {"compile_seconds": seconds}, found.grid) + "\n"
+
+
+def test_surface_background_and_wear_have_a_line_each():
+    grid, steel = Grid.from_domain(16, 16, (-1, 1, -1, 1)), Material.isotropic(210e3, 0.3)
+    ball = {"grid": grid, "material": steel, "gap": Sphere(10)}
+    plain = solve(ContactProblem(**ball), load=100).summary()
+    assert not any(word in plain for word in ("background", "compliance", "worn", "time", "relax"))
+    compliant = ContactProblem(**ball, surface_compliance=2e-6, background_pressure=3.0)
+    text = solve(compliant, load=100).summary()
+    assert "\n  background pressure 3 N/mm2\n" in text and "\n  surface compliance 2e-06 mm3/N\n" in text
+    each = ContactProblem(**ball, background_pressure=np.full(grid.shape, 3.0))
+    assert "\n  background pressure of each cell\n" in solve(each, load=100).summary()
+    with ContactSolver(ContactProblem(**ball)) as solver:
+        *_, worn = solver.wear(1e-9, 4000, 4, load=100)
+    assert "\n  worn volume 0.0004 mm3 at a sliding distance of 4000 mm\n" in worn.summary()
+
+
+@pytest.mark.parametrize(("body", "bodies"), [(None, "1 and 2"), (1, "1")])
+def test_a_step_of_creep_has_its_time_and_the_spectrum(body, bodies):
+    rubber = Material.pair((10, 20), (0.5, 0.3)).viscoelastic((0.1, 10), (0.3, 0.4), body)
+    ball = ContactProblem(Grid.from_domain(16, 16, (-2, 2, -2, 2)), rubber, Sphere(10))
+    with ContactSolver(ball) as solver:
+        *_, last = solver.creep([0, 2, 5.5], load=1)
+        sudden = solver.solve(load=1).summary()
+    spectrum = f", relaxing body: {bodies}, by 30% in 0.1 s, 40% in 10 s\n"
+    assert spectrum in last.summary() and spectrum in sudden
+    assert "\n  time 5.5 s\n" in last.summary() and "time" not in sudden

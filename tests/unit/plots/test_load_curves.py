@@ -226,3 +226,22 @@ def test_loads_have_a_readable_unit(largest, unit):
     load, pressure = figure.axes[:2]
     assert load.get_ylabel() == pressure.get_xlabel() == f"load F  [{unit}]"
     assert pressure.lines[0].get_xdata() == pytest.approx(loads / (1000 if unit == "kN" else 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "ends", "scale"),
+    [("time", (1e-2, 10), "log"), ("time", (1, 12), "linear"), ("sliding_distance", (1, 1000), "linear")],
+)
+def test_creep_and_wear_are_drawn_against_time_and_distance(name, ends, scale):
+    at = np.concatenate([[0], np.geomspace(*ends, 5)])
+    columns = {name: at, "load": np.array([0, 2, 3, 2, 1, 0.0]), "approach": at, "indentation": at}
+    columns |= {"max_pressure": columns["load"], "contact_area": columns["load"]}
+    for path in load_curves.Path(columns), load_curves.Path(columns | {"mean_pressure": at}, "", 1e3):
+        figure = load_curves.path_figure([path])
+        assert [axes.get_ylabel().split("  ")[0] for axes in figure.axes] == [
+            "load F", "approach beyond first touch", "maximum pressure", "contact area",
+        ]  # fmt: skip
+        for axes in figure.axes:
+            assert axes.get_xscale() == scale and axes.get_xlabel().startswith(name.replace("_", " "))
+            assert len(axes.lines) == 1 and axes.lines[0].get_xdata() == pytest.approx(at)
+        assert figure.axes[0].lines[0].get_ydata() == pytest.approx(columns["load"])
