@@ -98,7 +98,9 @@ class LoadPath:
     """
 
     can_resume = True  # False if a step depends on more than the numbers of the steps before
-    coordinates: Mapping[str, list[float]] = {}  # name -> number of each step besides its loading, such as its time
+    coordinates: Mapping[
+        str, list[float]
+    ] = {}  # name -> number of each step besides its loading, such as its time
 
     rows: list[dict[str, Any]]
     numbers: list[float]

@@ -15,15 +15,16 @@ integral of traction and slip.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import overload
+from dataclasses import dataclass, fields, replace
+from typing import Any, overload
 
 import numpy as np
 
 from app.api.arguments import check_parts
 from app.api.solution import Solution
+from app.base import views
 from app.base.errors import InputError, check_equal_on_ranks, format_exact, is_number, plain_number
-from app.base.types import Floats
+from app.base.types import Axes, Figure, Floats, PathLike
 from app.base.usage import usage
 from app.contact.prescribed_load import LOAD_ROUNDING
 from app.parallel.reductions import sum_over
@@ -78,6 +79,31 @@ class PartialSlip:
             f"<PartialSlip: {self.tangential_load:g} N, {1e3 * self.tangential_displacement:.4g} um, "
             f"{share:.1%} of the contact sticks>"
         )
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Numbers by name; that of `error_bound` is ``traction_error_bound``."""
+        numbers = {each.name: getattr(self, each.name) for each in fields(self) if each.type is float}
+        return numbers | {"traction_error_bound": numbers.pop("error_bound")}
+
+    @property
+    def _solution(self):
+        extra = self.normal.extra | {"traction": self.traction, "slip": self.slip}
+        return replace(self.normal, extra=extra, problem=self.normal.problem | self.numbers)
+
+    def plot(self, name: str = "slip", ax: Axes | None = None) -> tuple[Figure, Any]:
+        """Draw maps of traction over mu p, and of slip; see `Solution.plot`.
+
+        On several ranks, save the slip, and plot the result file.
+        """
+        return views.load().plot_solution(self._solution, name, ax)
+
+    def save(self, path: PathLike, **attributes: Any) -> None:
+        """Write the result file of `normal` with the fields and numbers of the slip; see `Solution.save`.
+
+        Collective.
+        """
+        self._solution.save(path, **attributes)
 
 
 def compliance_ratio(material):

@@ -109,11 +109,11 @@ def _arguments(argv):
         "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
     folder = "folder to write to; default: next to the file, with its name"
-    only = "draw only this picture of a result; may be repeated"
+    only = f"draw only this picture of a result: {', '.join(PICTURES)}, or a field; may be repeated"
     dots = "pixels per inch, 20 to 1200; default: 200"
     add("files", type=Path, nargs="+", metavar="FILE", help=files)
     add("-o", "--output", type=Path, metavar="DIR", help=folder)
-    add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
+    add("--only", action="append", metavar="NAME", help=only)
     add("--x", metavar="NAME", help=against)
     add("--y", action="append", default=[], metavar="NAME", help=column)
     add("--unit", type=length_unit, help=f"{units.ALLOWED}: unit of the heights {elsewhere}")

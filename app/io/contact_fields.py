@@ -148,9 +148,10 @@ class ContactFields:
         ----------
         name : str, optional
             summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or a
-            single panel: displacement, gap, plastic_depth, section_x, section_y, residual. After `flow` also flow.
+            single panel: displacement, gap, plastic_depth, section_x, section_y, residual; or any field in ``extra``,
+            such as worn_depth. After `flow` also flow.
         ax : matplotlib axes, optional
-            Axes for a single panel: contact, pressure (the default), or one of the single panels above.
+            Axes for a single panel: contact, pressure (the default), a field, or one of the single panels above.
 
         Returns
         -------

@@ -8,13 +8,10 @@ from app.base.quantities import QUANTITIES, unit_of
 
 UNITS = {
     **dict.fromkeys(("gap", "displacement", "undeformed_distance", "plastic_depth", "x", "y"), "mm"),
-    "pressure": "N/mm2",
-    "hardness": "N/mm2",
-    "background_pressure": "N/mm2",
-    "worn_depth": "mm",
-    "contact": "1",
+    **dict.fromkeys(("worn_depth", "slip"), "mm"),
+    **dict.fromkeys(("pressure", "hardness", "background_pressure", "traction"), "N/mm2"),
+    **dict.fromkeys(("contact", "plastic"), "1"),
     **dict.fromkeys(("flux_x", "flux_y"), "mm2"),
-    "plastic": "1",
 }
 _LONG_NAMES = {
     "pressure": "pressure p",

@@ -219,7 +219,7 @@ class Canvas:
     def draw_length(self, axes, field, colours, label):
         """Draw a field of lengths in a suitable unit.
 
-        The name of the unit replaces ``{}`` in the label.
+        Its name replaces ``[mm]`` in the label.
         """
         known = field[np.isfinite(field) & ~self.outside]
         largest, rounding = float(np.abs(known).max(initial=0.0)), estimate_rounding(self.result)
@@ -230,19 +230,28 @@ class Canvas:
             limits = {"vmin": value - margin, "vmax": value + margin, "ticks": [value]}
         else:
             field = field * unit.per_mm
-        self.draw_field(axes, field, colours, label.format(unit.name), **limits)
+        self.draw_field(axes, field, colours, label.replace("[mm]", f"[{unit.name}]"), **limits)
 
     def draw_displacement(self, axes):
         """Draw a map of the displacement u."""
-        self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [{}]")
+        self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [mm]")
 
     def draw_plastic_depth(self, axes):
         """Draw a map of permanent indentation; zero is white."""
         if self.result.plastic_depth is None:
             raise InputError("plot 'plastic_depth': the result has no hardness")
-        depth = self.result.plastic_depth[self.view]
-        depth = np.where(depth > 0, depth, np.nan)
-        self.draw_length(axes, depth, LENGTH_MAP + "_r", "permanent indentation  [{}]")
+        self.draw_other(axes, self.result.plastic_depth, "permanent indentation", "mm")
+
+    def draw_other(self, axes, field, label, unit):
+        """Draw any field of all cells; zero is white unless some values are negative."""
+        field = field[self.view].astype(float)
+        hidden = ~np.isfinite(field) | ((field == 0) & ~(field < 0).any())
+        field = np.where(hidden, np.nan, field)
+        label += f"  [{unit.replace('2', '²').replace('3', '³')}]" if unit != "1" else ""
+        if unit == "mm":
+            self.draw_length(axes, field, LENGTH_MAP + "_r", label)
+        else:
+            self.draw_field(axes, field, PRESSURE_MAP, label)
         self._draw_patch(axes)
 
     def draw_gap(self, axes):
@@ -252,7 +261,7 @@ class Canvas:
             annotate_empty(axes, "no gap: contact everywhere")
             axes.set_box_aspect(self.height / self.width)
             return
-        self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]\nwhite: contact")
+        self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [mm]\nwhite: contact")
 
 
 def format_number(value):

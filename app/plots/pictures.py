@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.base.errors import InputError, check_type
-from app.plots import curves, figures, flow, load_curves
+from app.io.frames import UNITS
+from app.plots import curves, figures, flow, load_curves, slip
 from app.plots.maps import Canvas
 from app.plots.style import interactive, new_figure, with_style
 from app.reference.hertz import EllipticHertz
@@ -70,6 +71,10 @@ def _path_figure(result, _):
     return path and load_curves.path_figure([path], figures.make_title(result, path=True))
 
 
+def _worn_figure(result, reference):
+    return _panel_figure("worn_depth", result, reference) if "worn_depth" in panels_of(result) else None
+
+
 # Name -> function of a result and its `analytic_reference` that returns a figure or None.
 PICTURES = {
     "contact": lambda result, _: figures.contact_figure(result),
@@ -79,6 +84,8 @@ PICTURES = {
     "distributions": lambda result, _: curves.distribution_figure(result),
     "spectrum": lambda result, _: curves.spectrum_figure(result),
     "flow": lambda result, _: flow.flow_figure(result, figures.make_title(result)),
+    "worn_depth": _worn_figure,
+    "slip": lambda result, _: slip.slip_figure(result, figures.make_title(result)),
     "path": _path_figure,
     "history": lambda result, _: figures.history_figure(result),
     "summary": figures.summary_figure,
@@ -88,11 +95,14 @@ PICTURES = {
 def pictures_of(result, names):
     """Yield name and figure of a result's pictures.
 
-    `names` are the names of the pictures asked for.
+    `names` are the names of the pictures asked for, of `drawings_of` the result.
     """
-    reference = analytic_reference(result)
+    reference, drawings = analytic_reference(result), drawings_of(result)
     for name in names:
-        if figure := PICTURES[name](result, reference):
+        if name not in drawings:
+            raise InputError(f"plot {name!r}: must be one of {', '.join(drawings)}")
+    for name in names:
+        if figure := drawings[name](result, reference):
             yield name, figure
 
 
@@ -116,30 +126,45 @@ PANELS = {
 }
 
 
+def _draw_map(name, axes, result, _, **how):
+    field, unit = result.extra[name], (UNITS | result.units).get(name, "1")
+    canvas = Canvas(result, zoom=not np.nan_to_num(field[~result.contact]).any(), **how)
+    canvas.draw_other(axes, field, name.replace("_", " "), unit)
+
+
+def panels_of(result):
+    """Return `PANELS`, and maps of the other fields of a result."""
+    fields = {name: np.asarray(field) for name, field in result.extra.items()}
+    shown = [name for name, field in fields.items() if field.shape == result.pressure.shape]
+    return {name: partial(_draw_map, name) for name in shown if fields[name].dtype.kind in "biuf"} | PANELS
+
+
+def drawings_of(result):
+    """Return `PICTURES`, and functions that draw single panels, by name."""
+    return {name: partial(_panel_figure, name) for name in panels_of(result)} | PICTURES
+
+
 @with_style
 def _panel_figure(name, result, reference):
-    size = Canvas(result).size if name in ("displacement", "gap") else (7.4, 4.4)
+    size = (7.4, 4.4) if name in PANELS.keys() - {"displacement", "gap"} else Canvas(result).size
     figure = new_figure(*size, figures.make_title(result))
-    PANELS[name](figure.subplots(), result, reference)
+    panels_of(result)[name](figure.subplots(), result, reference)
     return figure
 
 
 def plot(result, name="summary", axes=None):
     """Draw a picture of a result, or one panel on given axes; return a `Drawing`.
 
-    `name` is in `PICTURES` or `PANELS`; if axes are given, in `PANELS`.
+    `name` is in `drawings_of` the result; if axes are given, in `panels_of` it.
     """
-    allowed = [*PANELS] if axes is not None else dict.fromkeys((*PICTURES, *PANELS))
-    if name not in allowed:
-        where = " with ax=" if axes is not None else ""
-        raise InputError(f"plot {name!r}: must be one of {', '.join(allowed)}{where}")
-    reference = analytic_reference(result)
-    if axes is not None:
-        check_type("ax", axes, Axes, "axes of matplotlib")
-        PANELS[name](axes, result, reference, titled=False)
-        return on_axes(axes)
-    draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
-    return show(partial(draw, result, reference), name)
+    if axes is None:
+        return show(lambda: dict(pictures_of(result, [name])).get(name), name)
+    panels = panels_of(result)
+    if name not in panels:
+        raise InputError(f"plot {name!r}: must be one of {', '.join(panels)} with ax=")
+    check_type("ax", axes, Axes, "axes of matplotlib")
+    panels[name](axes, result, analytic_reference(result), titled=False)
+    return on_axes(axes)
 
 
 def on_axes(axes):

@@ -15,10 +15,13 @@ def test_creep_of_the_page_grows_as_the_creep_function():
     np.testing.assert_allclose(areas / areas[0], growth ** (2 / 3), rtol=0.03)
 
 
-def test_slip_of_the_page_sums_to_the_tangential_load():
+def test_slip_of_the_page_sums_to_the_tangential_load(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names = run_blocks(blocks_of("slip.md"))
     assert names["slip"].traction.sum() * names["ball"].grid.cell_area == pytest.approx(15)
     assert np.all(np.diff([step.stick_area for step in names["curve"]]) < 0)
+    table = np.genfromtxt("slips.csv", delimiter=",", names=True)
+    assert table["tangential_load"].tolist() == [0, 5, 10, 15, 20, 25, 30]
 
 
 def test_wear_of_the_page_has_the_volume_of_archard():

@@ -5,7 +5,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, InputError, Material, Sphere
+from app import ContactProblem, ContactSolver, Grid, InputError, Material, Sphere, read_result
 from app.base.mpi import MPI
 
 pytestmark = pytest.mark.filterwarnings("ignore::app.NoteWarning")
@@ -169,6 +169,32 @@ def test_any_friction_has_finite_numbers():
         full = solver.slip(load=Decimal(100), friction=0.29, tangential_load=29)  # 0.29 * 100 < 29
     assert found.dissipated_energy == 0 and np.isfinite(found.tangential_displacement)
     assert full.stick_area == 0 < full.slip_area
+
+
+@pytest.mark.parametrize("tangential_load", [0, 20, 30])
+def test_a_file_has_the_normal_solution_and_the_slip(tangential_load, tmp_path):
+    with ContactSolver(ball(0.3, 32)) as solver:
+        found = solver.slip(load=LOAD, friction=FRICTION, tangential_load=tangential_load)
+    found.save(tmp_path / "slip.h5", specimen="A")
+    read = read_result(tmp_path / "slip.h5")
+    assert np.array_equal(read.pressure, found.normal.pressure) and read.specimen == "A"
+    assert np.array_equal(read.traction, found.traction) and np.array_equal(read.slip, found.slip)
+    assert (read.units["traction"], read.units["slip"]) == ("N/mm2", "mm")
+    assert read.attributes.items() >= found.numbers.items()
+    assert read.error_bound == found.normal.error_bound and read.traction_error_bound == found.error_bound
+    for drawn in found.plot(), read.plot("slip"):
+        share = drawn.axes[0].images[-1].get_array()  # of the traction over friction times pressure
+        assert share.max() <= 1 + 1e-12
+        assert (share > 1 - 1e-12).sum() == (found.normal.contact & ~found.stuck.contact).sum()
+
+
+@pytest.mark.mpi(2, 3)
+def test_ranks_write_one_file(comm, tmp_path):
+    file = comm.bcast(tmp_path / "slip.h5")
+    with ContactSolver(ball(0.3, 32), comm=comm) as solver:
+        found = solver.slip(load=LOAD, friction=FRICTION, tangential_load=20)
+    found.save(file)
+    assert np.array_equal(read_result(file).traction[found.normal.slabs.rows], found.traction)
 
 
 @pytest.mark.mpi(2, 3)

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
@@ -77,6 +78,33 @@ def test_the_title_of_axes_is_the_users_and_the_bar_has_quantity_and_unit(hertz_
     assert axes.get_title() == "mine"
     label = axes.child_axes[0].get_ylabel() + axes.child_axes[0].get_xlabel()
     assert label.startswith(name.removesuffix("s")[:6]) and "[" in label
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "factor"),
+    [("worn_depth", "µm", 1e3), ("background_pressure", "N/mm²", 1), ("mine", "", 1)],
+)
+def test_any_field_is_drawn_by_its_name_with_its_unit(hertz_results, name, unit, factor):
+    result = hertz_results["result"]
+    values = np.where(result.contact, 1e-3 * (20 + result.x), 0)
+    drawn = replace(result, extra={name: values, "list": np.zeros(3), "words": np.full((32, 32), "a")})
+    for axes in drawn.plot(name).axes, drawn.plot(name, ax=pyplot.figure().subplots()).axes:
+        shown = axes.images[-1].get_array()
+        label = axes.get_title() or axes.child_axes[0].get_ylabel()
+        assert label == name.replace("_", " ") + (f"  [{unit}]" if unit else "")
+        assert np.sort(shown.compressed()) == pytest.approx(np.sort(factor * values[result.contact]))
+    for other in "list", "words":
+        with pytest.raises(InputError, match=f"plot '{other}': must be one of .*{name}"):
+            drawn.plot(other)
+
+
+@pytest.mark.parametrize("values", [0, np.inf, -1.5, np.nan, 7])
+def test_unusual_fields_are_drawn(hertz_results, values):
+    result = hertz_results["result"]
+    for name, kind in (("worn_depth", float), ("mine", float), ("counts", int)):
+        if kind is float or np.isfinite(values):
+            field = np.full(result.grid.shape, values).astype(kind)
+            assert replace(result, extra={name: field}).plot(name).axes.images
 
 
 def test_panels_get_room_for_their_labels(hertz_results):

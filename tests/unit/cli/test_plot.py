@@ -91,7 +91,7 @@ def test_default_folder_is_named_after_the_file(path, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["RESULT", "-o", "DIR", "--only", "contour"], "invalid choice: 'contour'"),
+        (["RESULT", "-o", "DIR", "--only", "contour"], "plot 'contour': must be one of"),
         (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),

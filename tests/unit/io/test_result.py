@@ -54,11 +54,11 @@ def test_round_trip_is_exact(result, tmp_path):
     odd = replace(result, pressure=result.pressure.copy(), gap=result.gap.copy())
     odd.pressure[0, :3] = -0.0, 5e-324, np.inf
     assert np.isnan(odd.gap).any()
-    extra = {name: getattr(odd, name) for name in FIELDS} | {"slip": 2 * odd.displacement}
+    extra = {name: getattr(odd, name) for name in FIELDS} | {"wear": 2 * odd.displacement}
     write(tmp_path / "a.hdf5", SELF, Slabs(48), odd, fields=extra)
     found = read_result(tmp_path / "a.hdf5")
-    assert found.units["slip"] == "1"
-    assert found.extra.pop("slip").shape == (48, 64)
+    assert found.units["wear"] == "1"
+    assert found.extra.pop("wear").shape == (48, 64)
     assert_same(found, odd)
 
 
