@@ -3,10 +3,8 @@
 import numpy as np
 
 from app.base.errors import InputError, is_number, plain_number
-from app.contact.distance import tilt_levels
 from app.contact.loading_input import make_loading, single_loading
 from app.contact.tilt import NO_TILT, Tilt
-from app.contact.tilted_load import TiltedLoad
 from app.options.option_table import LARGEST
 
 # Name -> unit and meaning of two numbers. At most one of them is given, together with a loading.
@@ -49,6 +47,9 @@ def create_loading(levels, uniform_compliance, comm, given, whole=True):
         for repeats, slope, axis in zip(grid.repeats[::-1], pair, "xy", strict=True):
             if repeats and (slope or name != "tilt"):
                 raise InputError(f"{name}: on a patch that repeats in {axis}, bodies cannot tilt in {axis}")
+    from app.contact.distance import tilt_levels  # here, for a help text without PETSc
+    from app.contact.tilted_load import TiltedLoad
+
     tilt_levels(levels, tilt, comm)
     loading = make_loading(grid, target, uniform_compliance, **given)
     loading.tilt = target.tilt if tilting else NO_TILT
