@@ -34,6 +34,14 @@ _SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|snes|mat|vec)_")
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
 _ERRORS = (*ESTIMATED, "area")
+
+
+def _pair(unit):
+    """Return the kind of a pair of numbers; lengths may have units."""
+    kind = pair_of_reals(f"two numbers, for x and y [{unit}]")
+    return lengths(kind) if unit == "mm" else kind
+
+
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
     *MATERIAL_OPTIONS,
@@ -42,8 +50,7 @@ PROBLEM_OPTIONS = [
         for name, loading in LOADINGS.items()
     ),
     *(
-        Option(name, pair_of_reals(f"two numbers, for x and y [{unit}]"), None, f"{meaning} [{unit}]")
-        for name, (unit, meaning) in TILTING.items()
+        Option(name, _pair(unit), None, f"{meaning} [{unit}]") for name, (unit, meaning) in TILTING.items()
     ),
     Option("line_load", from_zero, None, "load per length of a roller, cylinder, or patch periodic in x or y [N/mm]"),
     *load_path.OPTIONS,

@@ -138,7 +138,7 @@ def estimate(state, wanted=np.inf, work=None):
     `wanted` and the result are as in `certify`; `work` is a field of work space. The certificate is cached until the
     pressure, the depth or the accuracy of u changes.
     """
-    key = state.pressure.stateGet(), state.depth, state.distance.tilt, state.displacement_status
+    key = _key(state)
     cached_key, certificate = _certificates.get(state, (None, None))
     if key != cached_key:
         with _event:
@@ -149,8 +149,11 @@ def estimate(state, wanted=np.inf, work=None):
 
 def adopt(state, certificate):
     """Use a known certificate of the pressure of `state`."""
-    key = state.pressure.stateGet(), state.depth, state.displacement_status
-    _certificates[state] = key, certificate
+    _certificates[state] = _key(state), certificate
+
+
+def _key(state):
+    return state.pressure.stateGet(), state.depth, state.distance.tilt, state.displacement_status
 
 
 def _prove(state, enough, work):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from app.base.errors import InputError, is_number, plain_number
+from app.base.units import to_length
 from app.contact.loading_input import make_loading, single_loading
 from app.contact.tilt import NO_TILT, Tilt
 from app.options.option_table import LARGEST
@@ -21,7 +22,9 @@ def split_tilting(given, where=""):
     if len(tilting) > 1:
         raise InputError(f"{where}{' and '.join(tilting)}: at most one of them is allowed")
     for name, pair in tilting.items():
-        numbers = [plain_number(value) for value in pair] if np.shape(pair) == (2,) else []
+        pair = [plain_number(value) for value in pair] if np.shape(pair) == (2,) else []
+        texts = TILTING[name][0] == "mm"  # which may have units
+        numbers = [to_length(name, value) if texts and isinstance(value, str) else value for value in pair]
         if not numbers or not all(is_number(value) and abs(value) <= LARGEST for value in numbers):
             raise InputError(f"{where}{name}: must be two numbers, for x and y [{TILTING[name][0]}]")
         tilting[name] = tuple(map(float, numbers))

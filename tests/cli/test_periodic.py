@@ -122,7 +122,7 @@ def test_a_patch_periodic_in_one_direction(cli_here, tmp_path):
         (("-periodic", "z"), "-periodic z: must be true, false, x, y"),
         (("-periodic", "x"), "one cell wide"),
         (("-periodic", "y", "-periodic_symbol", "love"), "-periodic_symbol: has no effect here"),
-        (("-periodic", "y", "-domain", "auto"), "a periodic patch is given by its period"),
+        (("-periodic", "y", "-domain", "auto"), "only for smooth bodies on a patch that is not periodic"),
     ],
 )
 def test_what_one_direction_does_not_allow_is_one_line(cli_here, options, text):

@@ -187,7 +187,7 @@ def refusals(comm):
     grid, steel = Grid(8, 8, 1.0, 1.0), Material.combined(80000, 0.3)
     yield "exactly one", lambda: solve(hertz(8), None)
     yield "a number", lambda: solve(hertz(8), np.nan)
-    yield "stick", lambda: solve(hertz(8), None, "fast", -1.0)
+    yield "at least 0 N", lambda: solve(hertz(8), None, "fast", -1.0)
     yield "must be one of", lambda: solve(hertz(8), 0.1, "faster")
     yield "lcp_rtool", lambda: solve(hertz(8), 0.1, lcp_rtool=1e-3)
     yield "no effect", lambda: solve(hertz(8), 0.1, lcp_predictor=1.0)

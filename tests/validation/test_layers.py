@@ -182,7 +182,7 @@ def test_what_layers_do_not_allow_is_refused():
         with pytest.raises(InputError, match="at most the thickness 0.1 mm"):
             stress(solution).plane(0.2)
     hard = ContactProblem(grid, layer, Sphere(10), periodic=True, hardness=1.0)
-    with pytest.raises(InputError, match="rigid base with a hardness"):
+    with pytest.raises(InputError, match="not with a hardness for a layer on a rigid base"):
         solve(hard, approach=0.01)
     assert solve(hard, load=0.1).converged
 

@@ -28,7 +28,7 @@ def test_tilting_is_separated_from_the_loading():
     [
         ({"load": 1, "tilt": 0.1}, "tilt: must be two numbers, for x and y"),
         ({"load": 1, "moment": (np.nan, 0)}, "moment: must be two numbers"),
-        ({"load": 1, "load_centre": ("a", 0)}, "load_centre: must be two numbers"),
+        ({"load": 1, "load_centre": ("a", 0)}, "load_centre 'a': must be a number"),
         ({"load": 1, "tilt": (0, 0), "moment": (0, 0)}, "at most one of them"),
         ({"approach": 1e-3, "load_centre": (0, 0)}, "load_centre: needs a prescribed load above 0"),
         ({"load": 0, "moment": (0, 0)}, "moment: needs a prescribed load above 0"),

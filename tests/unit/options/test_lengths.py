@@ -24,6 +24,7 @@ SAMPLES = {
     "body1_radii": "{0},-{0}",
     "body2_radii": "inf,{0}",
     "approach_path": "0:{0}:3",
+    "load_centre": "{0},-{0}",
 }
 
 
