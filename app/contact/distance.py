@@ -33,7 +33,7 @@ class UndeformedDistance:
 
     The approach is a reference plus the *depth*, the approach beyond the reference. So large constants cost no digits.
     The depth belongs to the `ContactState`. To move the bodies, only the depth is changed, never the stored shape, so
-    that no rounding errors add up. A tilt computes `b` anew from the stored shape. On C the right-hand side is
+    that no rounding errors add up. A tilt computes `b` from the stored shape again. On C the right-hand side is
     ``-h = b + depth``.
 
     Parameters

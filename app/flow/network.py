@@ -134,7 +134,7 @@ class Network:
         """Return the matrix of the open cells, and the ties of cells. Collective.
 
         A row of the matrix times P is the outflow of a cell. In each of the `count` sets of a patch that repeats in the
-        direction of the drop, P is known but for a constant. So the matrix ties one cell to a pressure that the caller
+        direction of the drop, P is known up to a constant. So the matrix ties one cell to a pressure that the caller
         chooses. This changes no flux, because nothing flows in or out there.
 
         Returns
