@@ -15,10 +15,10 @@ import numpy as np
 from app.api.analytic_values import THEORIES
 from app.api.load_path import LoadPath
 from app.api.shifted_problem import ShiftedProblem
-from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
+from app.base.errors import InputError, format_exact
 
 # Linear in the pressure.
-_SUMS = "mean_pressure", "max_pressure", "mean_contact_pressure", "moment_x", "moment_y"
+_SUMS = "max_pressure", "mean_contact_pressure", "moment_x", "moment_y"
 
 
 class CreepStep(ShiftedProblem):
@@ -43,14 +43,15 @@ class CreepStep(ShiftedProblem):
         theories = tuple(
             name for name in solution.problem if name.startswith("analytic_") or name in THEORIES
         )
-        load = values["load"] if values.get("load") else solution.load / c
+        load, mean_pressure = self.totals(values, solution.load / c)
         return replace(
             super().add_to(solution, values),
             pressure=solution.pressure / c,
             load=load,
+            mean_pressure=mean_pressure,
             indentation=solution.approach - self.touching,
             problem={name: value for name, value in solution.problem.items() if name not in theories},
-            **numbers | {"mean_pressure": values.get("mean_pressure") or load / self.grid.area},
+            **numbers,
             certificate=replace(
                 proof,
                 duality_gap=proof.duality_gap / c,
@@ -74,13 +75,8 @@ class CreepPath(LoadPath):
     can_resume = False
 
     def __init__(self, solver, times, kind, numbers, stiffness=False, progress=False):
-        self.times = call_collectively(solver.comm, _as_times, times)
-        check_equal_on_ranks(solver.comm, self.times, "creep: times")
-        numbers = np.full(len(self.times), numbers).tolist() if np.ndim(numbers) == 0 else numbers
         super().__init__(solver, kind, numbers, stiffness, (), progress)
-        if len(self.numbers) != len(self.times):
-            raise InputError(f"creep: {len(self.numbers)} values of {kind} for {len(self.times)} times")
-        self.coordinates = {"time": self.times}
+        self.times, self.coordinates = times, {"time": times}
         self._creep = solver.problem.material.creep
         shape = solver.hierarchy.target.local_shape
         self._pressure = np.zeros(shape)  # p and the e_i of the last finished step
@@ -101,7 +97,7 @@ class CreepPath(LoadPath):
         return solution
 
 
-def _as_times(times):
+def as_times(times):
     """Return increasing times as floats, checked."""
     try:
         values = [float(time) for time in times]

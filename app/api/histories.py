@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from app.api.arguments import check_parts
-from app.api.creep import CreepPath
+from app.api.creep import CreepPath, as_times
 from app.api.load_path import LoadPath
 from app.api.shifted_problem import check_kind
 from app.api.wear import WearPath
@@ -25,6 +25,7 @@ class Histories:
     """Methods of `ContactSolver` for many loads, and for bodies that change over time."""
 
     _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
+    _own = None, None  # a problem, and first touch and roughness of its own shape
 
     def path(
         self,
@@ -104,7 +105,10 @@ class Histories:
             raise InputError(
                 "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
             )
-        kind, numbers = self._begin_history("creep", loadings, "surface_compliance")
+        times = call_collectively(self.comm, as_times, times)
+        check_equal_on_ranks(self.comm, times, "creep: times")
+        steps = len(times), "times"
+        kind, numbers = self._begin_history("creep", loadings, *steps, "surface_compliance")
         check_kind(kind, "creep")
         return CreepPath(self, times, kind, numbers, stiffness, progress)
 
@@ -151,10 +155,7 @@ class Histories:
         steps = plain_number(steps)
         if not (isinstance(steps, int) and not isinstance(steps, bool) and steps > 0):
             raise InputError(f"steps {steps}: must be a whole number from 1")
-        kind, numbers = self._begin_history("wear", loadings)
-        numbers = [numbers] * steps if np.ndim(numbers) == 0 else numbers
-        if len(numbers) != steps:
-            raise InputError(f"wear: {len(numbers)} values of {kind} for {steps} steps")
+        kind, numbers = self._begin_history("wear", loadings, steps, "steps")
         compliance = float(coefficient) * float(distance) / steps
         problem = copy(self.problem)
         object.__setattr__(problem, "surface_compliance", problem.surface_compliance + compliance)
@@ -164,11 +165,15 @@ class Histories:
         distances = (float(distance) * np.arange(1, steps + 1) / steps).tolist()
         return WearPath(solver, self.problem, compliance, distances, kind, numbers, stiffness, progress)
 
-    def _begin_history(self, what, loadings, *refused):
-        """Return the prescribed quantity and its numbers, checked."""
+    def _begin_history(self, what, loadings, count, steps, *refused):
+        """Return the prescribed quantity, and a number for each of `count` steps, checked."""
         self._check_open()
         check_parts(what, self.problem, "hardness", "background_pressure", *refused)
-        return call_collectively(self.comm, single_loading, loadings, f"{what}: ")
+        kind, numbers = call_collectively(self.comm, single_loading, loadings, f"{what}: ")
+        numbers = [numbers] * count if np.ndim(numbers) == 0 else numbers
+        if len(numbers) != count:
+            raise InputError(f"{what}: {len(numbers)} values of {kind} for {count} {steps}")
+        return kind, numbers
 
     @contextmanager
     def replaced(self, problem: Problem) -> Iterator[Self]:

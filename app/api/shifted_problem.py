@@ -66,15 +66,13 @@ class ShiftedProblem:
         self.displacement = np.empty_like(pressure)
         hierarchy.target.exact_displacement(pressure, self.displacement)
 
-    def raise_shapes(self, shapes, hierarchy):
+    def raise_shapes(self, shapes, hierarchy, known=None):
         """Add A r to the undeformed distances of all levels, coarsest first. Collective.
 
-        First touch and roughness are measured before.
+        First touch and roughness are measured before, unless they are `known`.
         """
-        own, raised = UndeformedDistance(hierarchy.target, shapes[-1]), self.displacement
-        self.touching = own.touching
-        self.roughness = measure_roughness(hierarchy.target, own, shapes[-1])
-        own.destroy()
+        self.touching, self.roughness = known or _measure(hierarchy.target, shapes[-1])
+        raised = self.displacement
         for number in reversed(range(len(shapes))):
             shapes[number] += raised
             if number:
@@ -91,6 +89,18 @@ class ShiftedProblem:
     def net(self, solution):
         """Return the Solution of q, to start from."""
         raise NotImplementedError
+
+    def totals(self, values, load):
+        """Return load [N] and mean pressure [N/mm2], exactly as in `values` if one of them is prescribed."""
+        for kind in _PER_LOAD:
+            if values.get(kind):
+                number, to_load = (
+                    validate_number(kind, values[kind]),
+                    LOADINGS[kind].load_per_number(self.grid),
+                )
+                load = number * to_load
+                return load, number if to_load == self.grid.area else load / self.grid.area
+        return load, load / self.grid.area
 
     def add_to(self, solution, values):
         """Return the Solution of p, given that of q. Collective.
@@ -170,16 +180,15 @@ class BackgroundPressure(ShiftedProblem):
         p = solution.pressure + self.pressure
         [lowest] = minimum_over(self.comm, [-p.max(initial=-np.inf)])
         [inside] = sum_over(self.comm, [p.sum(where=solution.contact)])
-        load, area = solution.load + self.load, solution.contact_area
-        load = values["load"] if values.get("load") else load
-        load = values["mean_pressure"] * self.grid.area if values.get("mean_pressure") else load
+        load, mean_pressure = self.totals(values, solution.load + self.load)
+        area = solution.contact_area
         moment_x, moment_y = solution.moment_x + self._at_x, solution.moment_y + self._at_y
         return replace(
             super().add_to(solution, values),
             pressure=p,
             extra=solution.extra | self._field,
             load=load,
-            mean_pressure=load / self.grid.area,
+            mean_pressure=mean_pressure,
             max_pressure=-float(lowest),
             mean_contact_pressure=float(inside * self.grid.cell_area / area) if area else 0.0,
             moment_x=moment_x,
@@ -187,3 +196,11 @@ class BackgroundPressure(ShiftedProblem):
             pressure_centre_x=moment_x / load if load else np.nan,
             pressure_centre_y=moment_y / load if load else np.nan,
         )
+
+
+def _measure(operator, shape):
+    """Return first touch [mm] and roughness of an undeformed distance. Collective."""
+    own = UndeformedDistance(operator, shape)
+    measured = own.touching, measure_roughness(operator, own, shape)
+    own.destroy()
+    return measured

@@ -223,7 +223,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         if problem.background_pressure is not None:
             shift = BackgroundPressure(problem, hierarchy)
         if shift:
-            shift.raise_shapes(shapes, hierarchy)
+            shift.raise_shapes(shapes, hierarchy, self._own[1] if self._own[0] is problem else None)
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
         lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
@@ -244,6 +244,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         before, self._distances = self._distances, distances
         self.touching, self._roughness = step.touching if step else reference, roughness
         self._indentation, self._shift, self._measured_step = indentation, shift, step
+        self._own = problem, (shift.touching if shift else reference, roughness)
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)

@@ -69,7 +69,6 @@ class WearPath(LoadPath):
         Sliding distances at the ends of the steps [mm].
     """
 
-    distances: list[float]
     can_resume = False
 
     def __init__(self, solver, bodies, compliance, distances, kind, numbers, stiffness=False, progress=False):
