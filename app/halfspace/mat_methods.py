@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
+from app.base.petsc import report_no_entries
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.influence import quadrant_rows
 from app.halfspace.product import Convolution
@@ -33,8 +34,23 @@ def _set_factors(mat, a, s):
     mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
 
+def symmetric_mat(context, comm):
+    """Return a symmetric positive definite Mat with a Python context. Collective.
+
+    `context` is the operator that the Mat calls; `comm` has the ranks that own its rows.
+    """
+    size = context.local_shape[0] * context.local_shape[1], context.grid.n
+    mat = PETSc.Mat().createPython((size, size), context, comm=comm)
+    mat.setName(f"contact {context.grid.nx} x {context.grid.ny}")
+    for option in ("HERMITIAN", "SYMMETRY_ETERNAL", "SPD"):
+        mat.setOption(getattr(PETSc.Mat.Option, option), True)
+    mat.setUp()
+    report_no_entries(mat)
+    return mat
+
+
 class MatMethods:
-    """Mat methods for assembly, copies, scales, shifts and norms. Collective."""
+    """Mat methods for assembly, copies, scales, shifts, norms and views. Collective."""
 
     def assemblyEnd(self, mat, kind):
         """Adopt the contact set; then PETSc sets up its preconditioners again."""
@@ -77,3 +93,18 @@ class MatMethods:
         entries = Convolution(lambda selected: np.abs(rows(selected)) ** power, self.grid.shape, layout)
         entries.apply(self.mask.astype(float), sums)
         return sums
+
+    def getDiagonal(self, mat, diagonal):
+        """Store a Mat's diagonal; outside contact, arbitrary nonzero numbers."""
+        a, s = scale_and_shift(mat)
+        with diagonal as values:
+            values[...] = a * self.diagonal + s
+
+    def view(self, mat, viewer):
+        """Describe the operator for -ksp_view."""
+        if viewer.getType() != PETSc.Viewer.Type.ASCII:
+            return
+        grid, kind = self.grid, type(self.product).__name__
+        slabs = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
+        cells = f"{grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm"
+        viewer.printfASCII(f"  influence matrix of {cells}, {kind}, {slabs}\n")

@@ -14,11 +14,10 @@ from petsc4py import PETSc
 
 from app.base.errors import InputError
 from app.base.mpi import MPI
-from app.base.petsc import report_no_entries
 from app.halfspace import events
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
-from app.halfspace.mat_methods import MatMethods, scale_and_shift
+from app.halfspace.mat_methods import MatMethods, scale_and_shift, symmetric_mat
 from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.parallel.reductions import sum_over
@@ -336,12 +335,6 @@ class InfluenceOperator(MatMethods):
 
     multTranspose = mult
 
-    def getDiagonal(self, mat, diagonal):
-        """Store a Mat's diagonal; outside contact, arbitrary nonzero numbers."""
-        a, s = scale_and_shift(mat)
-        with diagonal as values:
-            values[...] = a * self.diagonal + s
-
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
         """Make damped Gauss-Seidel sweeps on the contact set C.
 
@@ -413,15 +406,6 @@ class InfluenceOperator(MatMethods):
         ny, nx = Convolution.lengths(self.grid.shape, self.grid.repeats)
         return ny * nx
 
-    def view(self, mat, viewer):
-        """Describe the operator for -ksp_view."""
-        if viewer.getType() != PETSc.Viewer.Type.ASCII:
-            return
-        grid, kind = self.grid, type(self.product).__name__
-        slabs = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
-        cells = f"{grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm"
-        viewer.printfASCII(f"  influence matrix of {cells}, {kind}, {slabs}\n")
-
 
 def apply_logged(event, product, *fields):
     """Apply a product in a -log_view event, with its flops. Collective."""
@@ -454,18 +438,3 @@ def wrap_vec(field, operator):
     # The global size saves PETSc a reduction. A rank without rows has a communicator of its own, and size 0.
     size = field.size, operator.grid.n if operator.active else 0
     return PETSc.Vec().createWithArray(field.reshape(-1), size, comm=operator.petsc_comm)
-
-
-def symmetric_mat(context, comm):
-    """Return a symmetric positive definite Mat with a Python context. Collective.
-
-    `context` is the operator that the Mat calls; `comm` has the ranks that own its rows.
-    """
-    size = context.local_shape[0] * context.local_shape[1], context.grid.n
-    mat = PETSc.Mat().createPython((size, size), context, comm=comm)
-    mat.setName(f"contact {context.grid.nx} x {context.grid.ny}")
-    for option in ("HERMITIAN", "SYMMETRY_ETERNAL", "SPD"):
-        mat.setOption(getattr(PETSc.Mat.Option, option), True)
-    mat.setUp()
-    report_no_entries(mat)
-    return mat

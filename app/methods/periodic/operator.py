@@ -6,7 +6,8 @@ B is the inverse of A. O restricts fields to free cells, those outside contact.
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.operator import apply_logged, symmetric_mat
+from app.halfspace.mat_methods import symmetric_mat
+from app.halfspace.operator import apply_logged
 from app.methods.multilevel_operators import multilevel_inverse
 
 _mult_event = PETSc.Log.Event("InverseMult")
