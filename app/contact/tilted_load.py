@@ -159,7 +159,7 @@ class TiltedLoad(PrescribedLoad):
     # -- iteration -------------------------------------------------------------------------------------
 
     def begin(self, state):
-        """Forget the last step, and ensure contact; see `Loading.begin`."""
+        """Forget the last step, ensure contact, and store the position; see `Loading.begin`."""
         super().begin(state)
         self._first_position = self.position(state)
 
