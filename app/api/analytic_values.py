@@ -40,7 +40,7 @@ def theories(problem, mean_pressure, rms_slope):
     The dict is empty unless the bodies are nominally flat, rough half-spaces that are not indented, and the
     hardness is no array.
     """
-    if not problem.material.is_half_space or problem.surface_compliance:
+    if not problem.material.is_half_space or np.any(problem.surface_compliance):
         return {}
     scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
     if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:

@@ -14,7 +14,7 @@ from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells
 from app.contact.history import Listener
 from app.io.files import disk_reserved
-from app.options.method import make_settings
+from app.options.method import DEFAULT, make_settings
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions, options_with_prefix
 from app.options.viewers import check_viewers, estimate_files
@@ -62,7 +62,12 @@ def parse_arguments(problem, method, options, prefix, listeners):
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
     grid = problem.grid
-    settings = make_settings(method, texts, grid.doubly_periodic, problem.kernel.is_thin_film(grid))
+    varies = np.ndim(problem.surface_compliance) > 0
+    kinds = grid.doubly_periodic and not varies, problem.kernel.is_thin_film(grid) and not varies
+    settings = make_settings(method, texts, *kinds)
+    if varies and settings.type != DEFAULT:
+        what = f"-lcp_type {settings.type}: not with a surface compliance that varies"
+        raise InputError(f"{what}; must be {DEFAULT}")
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)

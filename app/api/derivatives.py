@@ -156,7 +156,7 @@ class Derivatives:
             stiffness = self._stiffness_of(elastic)
         solution = replace(solution, stiffness=stiffness, unloading_stiffness=unloading)
         # Barber's theorem holds for half-spaces only.
-        if not self.problem.material.is_half_space or self.problem.surface_compliance:
+        if not self.problem.material.is_half_space or np.any(self.problem.surface_compliance):
             return solution
         width = unloading / self.problem.material.contact_modulus
         return replace(solution, conductance_width=width, **conductances(self.problem.material, width))
@@ -202,7 +202,7 @@ class Derivatives:
                     "sensitivity: of approach: the solution has no elastic contact, so the load does not change with it"
                 )
             return np.zeros(cells.shape)
-        if grid.doubly_periodic and count == grid.n:
+        if self.hierarchy.target.is_singular and count == grid.n:
             return self._in_full_contact(g, fixed)
         with self._system(cells, SENSITIVITY_RTOL) as solve:
             uniform = self._uniform_compliance if fixed == "approach" else 0.0
@@ -258,7 +258,7 @@ class Derivatives:
         """
         grid, count = self.hierarchy.target.grid, self._sum(cells)
         uniform = self._uniform_compliance / grid.area
-        if not count or (grid.doubly_periodic and count == grid.n):
+        if not count or (self.hierarchy.target.is_singular and count == grid.n):
             return (1 / uniform if uniform else np.inf) if count else 0.0
         with self._system(cells, RTOL) as solve:
             stiffness = float(grid.cell_area * self._sum(solve(1.0)))

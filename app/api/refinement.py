@@ -200,7 +200,7 @@ def check(problem, until, most_cells, quantities, loading):
         raise InputError(f"quantities= (-refine_for) {quantities!r}: must be among {', '.join(ESTIMATED)}")
     if set(quantities) <= _exact(loading):
         raise InputError(f"quantities= (-refine_for) {', '.join(quantities)}: prescribed, so it has no error")
-    for part in ("hardness", "background pressure"):
+    for part in ("hardness", "background pressure", "surface compliance"):
         if np.ndim(getattr(problem, part.replace(" ", "_"))):
             raise InputError(f"problem {problem.name}: a {part} known on its grid only; must be a number")
     if not problem.refinable:

@@ -209,7 +209,9 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             dtype=np.float32 if settings.single else np.float64,
             margin=settings.window,
             prefix=self.options.prefix,
-            lists=allows_lists(settings, grid, kernel, self.comm, self.listeners),
+            lists=self.problem.compliance is None
+            and allows_lists(settings, grid, kernel, self.comm, self.listeners),
+            compliance=self.problem.compliance,
         )  # fmt: skip
         self._resources.add(self.hierarchy)
         self._strategy = make_strategy(self.hierarchy, settings)
@@ -382,7 +384,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         proof = proof.under(loading.load, measured.load, loading.moment_error(state))
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         errors = outcome.grid_errors.add_contact_edge(measured, outcome.discretisation_error, self.problem)
-        before, hardness = self._indentation, self.problem.hardness
+        before, problem, rows = self._indentation, self.problem, self.hierarchy.slabs.rows
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, tilt = state.distance, state.depth, state.distance.tilt
         approach, moments = loading.solved_approach(state), measure_moments(state)
@@ -398,7 +400,11 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p),
             indentation_before=before.depth,
-            extra={"hardness": hardness[self.hierarchy.slabs.rows]} if np.ndim(hardness) else {},
+            extra={
+                name: value[rows]
+                for name in ("hardness", "surface_compliance")
+                if np.ndim(value := getattr(problem, name))
+            },
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,

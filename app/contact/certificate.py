@@ -52,6 +52,11 @@ from below. On a free patch w = 0 gives a second bound. If no cell is plastic, t
 feasible here, too. On a periodic patch B_II replaces 1 / smallest, and the mean of w is made zero as above, by a factor
 on the gaps or on the overlaps that are left.
 
+*Compliance of each cell.* If the matrix is A + D with a diagonal D >= 0, the proofs hold with numbers of A alone: no
+diagonal entry of A + D, and no eigenvalue, is smaller. Only L is larger, by the largest entry of D. On a periodic patch
+w may have a sum s: since ``w.(A + D)^-1 w`` is the least ``v.Bv + z.D^-1 z`` with v + z = w, it is at most ``v.Bv + s^2 /
+sum(D)`` with ``v = w - D s / sum(D)``, which has no mean.
+
 *Prescribed load and moments.* Both bounds hold if p has the prescribed load: f at the computed approach and f under the
 load then differ by a constant, and so do the duals, where the approach of the solution is an unknown like q. The same
 holds for moments and the tilt.
@@ -248,6 +253,8 @@ def _lift_penetrations(state, most, energy, penetrates):
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # No row of A sums to more than the displacement in the middle of twice the patch under unit pressure.
     norm = state.operator.kernel.middle_displacement([2 * side for side in grid.sides[::-1]])
+    if (compliance := state.operator.compliance) is not None:
+        norm -= float(state.minimum([-compliance.max(initial=0.0)])[0])
     distances = shares * (shares * energy + 2 * to_u) + norm * squares
     return shares * energy + to_u + distances / 2, distances
 
@@ -270,6 +277,9 @@ def _close_gap(state, energy, u_squares, enough, work, upper):
     fields = state.distance.b, state.depth, state.u, state.p, upper, state.admissible, 1 / diagonal
     gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
     inside, mean, *_ = state.distance.statistics
+    if not state.distance.is_singular:
+        squares = _close_gap_of_springs(state, fields)
+        return to_p + to_plastic + squares / 2, squares, energy, 0.0
     excess += total_u  # zero up to rounding, which matters near full contact
     if inside == n and not gaps and not depths:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
@@ -300,6 +310,27 @@ def _close_gap(state, energy, u_squares, enough, work, upper):
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
     shifted = n * rounded * math.sqrt(diagonal / max(free, 1.0))
     return float(to_gap + curved), float(2 * curved), float(energy), shifted
+
+
+def _close_gap_of_springs(state, fields):
+    """Return a bound of ||p - q||_A^2 on a periodic patch whose cells have a compliance. Collective.
+
+    The gap is changed to ``g = max(e - p / B_II, 0)``, see the module docstring; `fields` are the arguments of
+    `loops.move`.
+    """
+    inverse, compliance = state.operator.inverse, state.operator.compliance
+    w, product = np.empty((2, *state.u.shape))
+    loops.move(*fields, 0.0, 0.0, 0.0, 0.0, 1.0, w)
+    total, springs = state.sum([w.sum(), compliance.sum()])
+    w -= compliance * (total / springs)
+    [squares] = state.sum([np.vdot(w, w)])
+    if squares > 0:
+        w *= (scale := 1 / math.sqrt(squares))  # the least w underflow in single precision
+        inverse.apply(w, product)
+        curved = state.sum([np.vdot(w, product)])[0]
+        curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * inverse.norm()
+        squares = curved / scale**2
+    return squares + total**2 / springs
 
 
 def _gap_with_mean(gaps, excess, inside, n, depths=0.0):

@@ -73,6 +73,8 @@ class UndeformedDistance:
     admissible : ndarray of bool, shape (local rows, nx)
         True in cells that may be in contact.
     bounds : PressureBounds
+    is_singular : bool
+        `InfluenceOperator.is_singular` of the grid.
     patch : Grid
         Whole grid, even if the distance is given in a window. The statistics are for the whole grid.
     possible : Window or None
@@ -88,7 +90,7 @@ class UndeformedDistance:
         self._set(b, operator, PressureBounds(admissible, hardness))
         self.reference = reference
         self.full_contact_pressures = -np.inf, np.inf
-        self._slabs, self.patch = operator.slabs, operator.grid
+        self._slabs, self.patch, self.is_singular = operator.slabs, operator.grid, operator.is_singular
         if measured:
             _measure([self], operator.comm)
 
@@ -109,7 +111,7 @@ class UndeformedDistance:
         """Return a window's distance with the grid's statistics, by a `Scatter`. Collective."""
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
-        part.patch, part.statistics = whole.patch, whole.statistics
+        part.patch, part.statistics, part.is_singular = whole.patch, whole.statistics, whole.is_singular
         part.tilt = whole.tilt
         if whole._untilted is not None:
             part._untilted = scatter.forward(whole._untilted)
@@ -253,7 +255,7 @@ def _measure(levels, comm):
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.zero_load_depth = distance.touching if np.isfinite(touching) else -np.inf
-        if distance.patch.doubly_periodic and cells == distance.patch.n:
+        if distance.is_singular and cells == distance.patch.n:
             distance.full_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
             distance.max_depth = np.inf if finite else distance.full_depth  # plastic cells may overlap
             if finite and softest == -minus_hardest:

@@ -196,7 +196,7 @@ class PrescribedApproach(Loading):
             what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
             bodies = "a layer on a rigid base or a compliant surface"
             raise InputError(f"{what}: not with a hardness for {bodies}; {advice}")
-        if not grid.doubly_periodic or uniform_compliance:
+        if not distance.is_singular or uniform_compliance:
             return cls(value)
         (cells, mean, *_), reference = distance.statistics, distance.reference
         has_holes, (full, rounding) = cells < grid.n, _full_contact(distance)
@@ -270,6 +270,9 @@ class PrescribedMeanGap(PrescribedApproach):
         must not be negative unless a hardness lets plastic cells overlap.
         """
         text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
+        if not distance.is_singular:
+            doubt = "not with a surface compliance that varies, whose mean displacement is unknown"
+            raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
         if holes := grid.n - distance.statistics.cells:
             doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"
             raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")

@@ -94,7 +94,7 @@ def measure_contact(state):
     load, area = grid.cell_area * float(force), cells * grid.cell_area
     admissible, mean, *_ = distance.statistics
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
-    gap = mean - state.depth if grid.doubly_periodic and admissible == grid.n else total / admissible
+    gap = mean - state.depth if distance.is_singular and admissible == grid.n else total / admissible
     plastic_depth = float(depths / admissible)
     if plastic_depth:
         gap = max(gap + plastic_depth, 0.0)  # rounding may leave less

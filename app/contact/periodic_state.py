@@ -9,7 +9,7 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 
 def contact_state(operator, distance, **options):
     """Make a grid's `ContactState`, a `PeriodicState` if periodic. Collective."""
-    kind = PeriodicState if operator.grid.doubly_periodic else ContactState
+    kind = PeriodicState if operator.is_singular else ContactState
     return kind(operator, distance, **options)
 
 

@@ -41,7 +41,7 @@ def step_to_load(state, load, target, stiffness=0.0):
     first, slope = model(0.0)
     allowed = _STEP_RTOL * max(abs(target - load), abs(first))
     t = _zero(model, first, slope, abs(first) * compliance / (cells * grid.cell_area), allowed)
-    step = t if grid.doubly_periodic else t + (target - load) / punch_stiffness(state)
+    step = t if state.operator.is_singular else t + (target - load) / punch_stiffness(state)
     return step, target + first
 
 

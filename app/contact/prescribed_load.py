@@ -187,7 +187,7 @@ class PrescribedLoad(SearchedLoading):
         if not gaps.cells and not state.plastic_cells():
             state.first_contact()
         depth = state.depth
-        least_plastic = 0 if state.grid.doubly_periodic else MAX_PLASTIC_FRACTION * gaps.cells
+        least_plastic = 0 if state.operator.is_singular else MAX_PLASTIC_FRACTION * gaps.cells
         if state.plastic_cells() > least_plastic:
             stiffness = PLASTIC_STIFFNESS_RATIO * least_stiffness(state)
             expected, step = np.nan, self._plastic_step(state, gaps, stiffness)
@@ -289,11 +289,11 @@ class PrescribedMeanPressure(PrescribedLoad):
 def least_stiffness(state):
     """Return a lower bound of the stiffness of C [N/mm]. Collective.
 
-    On a free patch the bound is 0. On a periodic patch let q be the pressure on C with A q = 1 there. The stiffness is
+    If A is not singular the bound is 0. On a periodic patch let q be the pressure on C with A q = 1 there. The stiffness is
     the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact this bound grows to
     infinity.
     """
-    if not state.grid.doubly_periodic:
+    if not state.operator.is_singular:
         return 0.0
     energy, cells = state.operator.energy_of_contact()
     return state.grid.cell_area * cells**2 / energy if energy > 0 else 0.0

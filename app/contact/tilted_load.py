@@ -33,7 +33,6 @@ from app.contact.prescribed_load import (
 )
 from app.contact.state import Displacement
 from app.contact.tilt import Tilt, linear_sums
-from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 MAX_STEP = 0.5  # largest step of the position, over that from no load to the load
@@ -266,6 +265,6 @@ class TiltedLoad(PrescribedLoad):
             return
         x, y = self.coordinates(grid, slice(None))
         phi = np.stack([field.ravel()[cells] for field in np.broadcast_arrays(1.0, x, y[:, None])], axis=1)
-        matrix = dense_matrix(grid, operator.kernel)[np.ix_(cells, cells)]
+        matrix = operator.matrix()[np.ix_(cells, cells)]
         stiffness = grid.cell_area * phi.T @ np.linalg.solve(matrix, phi)
         self.slope = stiffness + MIN_STIFFNESS_RATIO * stiffness[0, 0] * np.eye(3)

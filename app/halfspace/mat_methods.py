@@ -77,8 +77,9 @@ class MatMethods:
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
             raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
-        (a, s), power, diagonal = scale_and_shift(mat), 2 if squared else 1, self.diagonal
-        sums = abs(a) ** power * (self._row_sums(power) - diagonal**power) + abs(a * diagonal + s) ** power
+        (a, s), power, diagonal = scale_and_shift(mat), 2 if squared else 1, self._own_entries()
+        sums = self._row_sums(power) - self.diagonal**power
+        sums = abs(a) ** power * sums + abs(a * diagonal + s) ** power
         sums = np.where(self.mask, sums, abs(s) ** power)
         if squared:
             return float(np.sqrt(sum_over(self.comm, [sums.sum()])[0]))
@@ -98,7 +99,11 @@ class MatMethods:
         """Store a Mat's diagonal; outside contact, arbitrary nonzero numbers."""
         a, s = scale_and_shift(mat)
         with diagonal as values:
-            values[...] = a * self.diagonal + s
+            values[...] = (a * self._own_entries() + s).ravel()
+
+    def _own_entries(self):
+        """Return the diagonal of the matrix, shape (local rows, nx)."""
+        return np.full(self.local_shape, self.diagonal) + (0.0 if self.compliance is None else self.compliance)
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

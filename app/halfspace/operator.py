@@ -73,6 +73,9 @@ class InfluenceOperator(MatMethods):
         The contact set C, initially all cells. Change the mask in place and then call `mask_changed`.
     contact_version : int
         Number of calls of `mask_changed`.
+    compliance : ndarray, shape (local rows, nx), or None
+        Displacement of each cell by pressure 1 on it [mm / (N/mm2)], which products add: the matrix is A plus this
+        diagonal. `product` and `exact_product`, like all preconditioners, are those of A alone.
     products, sweeps : int
         Numbers of products that PETSc requested, and of Gauss-Seidel sweeps: the paper's work units. `product.count` is
         the number of all products, also of those in sweeps and in `displacement`.
@@ -111,6 +114,7 @@ class InfluenceOperator(MatMethods):
         self.products = self.sweeps = 0
         self._spent = 0.0  # work of freed objects, in products
         self.contact_version = 0
+        self.compliance = None
         self._support = None  # springs, whose displacement products add
         self._energy = None, None  # key of a contact set; its energy under unit pressure, and number of cells
 
@@ -199,9 +203,23 @@ class InfluenceOperator(MatMethods):
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
+    @property
+    def is_singular(self):
+        """True if a constant pressure displaces nothing."""
+        return self.grid.doubly_periodic and self.compliance is None
+
+    def matrix(self):
+        """Return the dense matrix of a small grid. Collective; all ranks do the same work."""
+        matrix = dense_matrix(self.grid, self.kernel)
+        if self.compliance is not None:
+            field = np.zeros(self.grid.shape)
+            field[self.slabs.rows] = self.compliance
+            matrix[np.diag_indices_from(matrix)] += np.ravel(sum_over(self.comm, field))
+        return matrix
+
     @cached_property
     def diagonal(self):
-        """Diagonal entry of A [mm3/N]. Collective on first use."""
+        """Diagonal entry of A [mm3/N], without `compliance`. Collective on first use."""
         if self.grid.doubly_periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.kernel, slice(0, 1), 1)[0, 0])
@@ -299,12 +317,21 @@ class InfluenceOperator(MatMethods):
     def displacement(self, p, u):
         """Compute u = A p on all cells. Collective."""
         apply_logged(_mult_event, self.product, p, u)
-        if self._support is not None:
-            self._support.add_displacement(p, u)
+        self.add_springs(p, u)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision. Collective."""
+        added = None if self.compliance is None else self.compliance * p  # u may be p
         apply_logged(_mult_event, self.exact_product, p, u)
+        if added is not None and not self._verified_elsewhere:
+            u += added
+
+    def add_springs(self, p, u):
+        """Add to u = A p the displacement by the `compliance` of the cells, and by springs. Collective."""
+        if self.compliance is not None:
+            u += self.compliance * p
+        if self._support is not None:
+            self._support.add_displacement(p, u)
 
     def energy_of_contact(self):
         """Return p.Ap of unit pressure on C, and C's cells. Collective."""
@@ -326,8 +353,8 @@ class InfluenceOperator(MatMethods):
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
             # Sec. 4.2, 2
             apply_logged(_mult_event, self.product, p, out, self.mask)
-            if self._support is not None:
-                self._support.add_displacement(p, out)
+            if not (self.compliance is None and self._support is None):
+                self.add_springs(p, out)
                 out *= self.mask
             if (a, s) != (1.0, 0.0):
                 out *= a
@@ -342,8 +369,8 @@ class InfluenceOperator(MatMethods):
         default, would make the multigrid method diverge. So a global sweep is made even if a local one is requested.
         """
         a, s = scale_and_shift(mat)
-        if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
-            raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal shift")
+        if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS) or self.compliance is not None:
+            raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal of its own")
         if not self.active:
             x.stateIncrease()  # as on the other ranks, so that they agree on collective calls
             return

@@ -128,7 +128,7 @@ class Strategy:
             if outcome := FullPlasticity(len(hierarchy.levels) - 1).solve(state, loading, history):
                 return state, outcome
             state.destroy()
-        if hierarchy.target.grid.doubly_periodic:
+        if hierarchy.target.is_singular:
             full = FullContact(hierarchy, self._distances)
             state = self._new_state()
             if outcome := full.solve(state, loading, self._stop(), history):
@@ -280,7 +280,8 @@ class Fast(Inexact):
     def prepare(self):
         """Create the grids' operators, and the multilevel products."""
         super().prepare()
-        multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
+        if not self._hierarchy.target.grid.doubly_periodic:
+            multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
     def use_distances(self, distances, coarse_minimum):
         """Set the undeformed distances; see `Strategy.use_distances`."""

@@ -6,7 +6,6 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 
 from app.base.errors import InputError
 from app.base.numba_cache import njit
-from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
@@ -39,7 +38,7 @@ def stored_matrix(operator):
         raise InputError(f"{what} on {operator.slabs.size} ranks, a direct solve is on one; {advice}")
     if not operator.active:
         return np.empty((0, 0))
-    return dense_matrix(grid, operator.kernel)
+    return operator.matrix()
 
 
 @njit()

@@ -133,11 +133,13 @@ class Hierarchy:
         Prefix of the solvers' options in PETSc's database.
     lists : bool
         True if the target grid may need no product on all its cells: then it is created when first used.
+    compliance : ndarray, shape (ny, nx), optional
+        `InfluenceOperator.compliance` of the target grid; coarser grids average it.
     """
 
     def __init__(
         self, grid, kernel, comm, coarsest=4, cells_per_rank=8192, target_only=False, dtype=float,
-        margin=0.0, prefix="", lists=False,
+        margin=0.0, prefix="", lists=False, compliance=None,
     ):  # fmt: skip
         self.ranks, self.prefix, self.lists = RankGroups(comm, cells_per_rank), prefix, lists
         self.comm, self.kernel, self.dtype, self.margin = self.ranks.comm, kernel, dtype, margin
@@ -153,6 +155,12 @@ class Hierarchy:
         self.levels = [*target.coarser_levels[::-1], target]
         self.transfers = make_transfers(self.levels, self.comm)
         self.slabs = self.levels[-1].slabs
+        if compliance is not None:
+            self.target.compliance = np.array(compliance[self.slabs.rows], order="C")
+            for coarse, fine, transfer in zip(
+                self.levels[-2::-1], self.levels[::-1], self.transfers[:0:-1], strict=False
+            ):
+                coarse.compliance = transfer.restrict_shape(fine.compliance)
         if not lists:
             self.target.prepare("exact_product")
         for level in self.levels:

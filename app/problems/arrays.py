@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact, is_number, plain_number
+from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
 
@@ -92,14 +92,17 @@ def check_background(pressure, hardness, grid, label="background_pressure"):
     return values if values.ndim else float(values)
 
 
-def check_compliance(compliance, label="surface_compliance"):
-    """Return a checked surface compliance; InputError unless it is a number from 0."""
-    value = plain_number(compliance)
-    if np.ndim(value):
-        raise InputError(f"{label}: is {type(value).__name__}; must be one number for all cells")
-    if not is_number(value) or not (value == 0 or 1 / LARGEST <= value <= LARGEST):
-        raise InputError(f"{label}: {value}; must be 0, or {1 / LARGEST:g} to {LARGEST:g} mm/(N/mm2)")
-    return float(value)
+def check_compliance(compliance, grid, label="surface_compliance"):
+    """Return a checked surface compliance: a number, or an array if it varies.
+
+    Raises InputError unless all values are at least 0.
+    """
+    values = real_numbers(label, compliance, "a number from 0, or an array of them [mm/(N/mm2)]")
+    if values.ndim:
+        check_shape(label, values.shape, grid)
+    allowed = (values == 0) | ((values >= 1 / LARGEST) & (values <= LARGEST))
+    _check_values(label, values, allowed, f"0, or {1 / LARGEST:g} to {LARGEST:g} mm/(N/mm2)")
+    return values if np.ptp(values) else float(values.flat[0])
 
 
 def _check_values(label, values, allowed, limits):

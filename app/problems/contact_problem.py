@@ -103,8 +103,9 @@ class ContactProblem(Problem):
     background_pressure : float or array_like, shape (ny, nx), [N/mm2], optional
         Pressure in the gap, of a gas or a fluid, from 0: the least pressure of a cell, also where contact is
         impossible. It is part of the load. Default: 0, or the background pressure of a problem given as `gap`.
-    surface_compliance : float, optional
-        Displacement of a cell by its own pressure, from 0 [mm3/N]: that of a thin soft layer.
+    surface_compliance : float or array_like, shape (ny, nx), [mm3/N], optional
+        Displacement of a cell by its own pressure, from 0: that of a thin soft layer. Coarser grids average an array.
+        Default: 0, or the surface compliance of a problem given as `gap`.
 
     Examples
     --------
@@ -123,7 +124,7 @@ class ContactProblem(Problem):
     surfaces: Sequence[Any] = ()
     hardness: ArrayLike | None = None
     background_pressure: ArrayLike | None = None
-    surface_compliance: float = 0.0
+    surface_compliance: ArrayLike | None = None
 
     name = "given"
 
@@ -169,7 +170,9 @@ class ContactProblem(Problem):
         background = self.background_pressure
         background = getattr(shape, "background_pressure", None) if background is None else background
         object.__setattr__(self, "hardness", hardness)
-        compliance = check_compliance(self.surface_compliance) or getattr(shape, "surface_compliance", 0.0)
+        compliance = self.surface_compliance
+        compliance = getattr(shape, "surface_compliance", 0.0) if compliance is None else compliance
+        compliance = check_compliance(compliance, self.grid)
         object.__setattr__(self, "surface_compliance", compliance)
         object.__setattr__(self, "background_pressure", check_background(background, hardness, self.grid))
         object.__setattr__(self, "shape", shape)
@@ -205,7 +208,7 @@ class ContactProblem(Problem):
     def refinable(self) -> bool:
         """True if gap and surfaces exist on finer grids."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
-        return parts and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
+        return parts and super().refinable
 
     @property
     def indentation(self) -> Floats | None:
@@ -234,7 +237,7 @@ class ContactProblem(Problem):
         no background pressure.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
-        smooth = smooth and self.background_pressure is None and not self.surface_compliance
+        smooth = smooth and self.background_pressure is None and not np.any(self.surface_compliance)
         if not (smooth and self.material.is_half_space) or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)

@@ -37,7 +37,8 @@ class Problem:
     # Largest and least pressure [N/mm2], numbers or arrays of shape (ny, nx); None: no limit, and 0.
     hardness = None  # type: Any
     background_pressure = None  # type: Any
-    surface_compliance = 0.0  # displacement of a cell by its own pressure [mm / (N/mm2)]
+    # Displacement of a cell by its own pressure [mm / (N/mm2)], a number or an array of shape (ny, nx).
+    surface_compliance = 0.0  # type: Any
     # Permanent indentation of earlier loads [mm], an array of shape (ny, nx); None without one.
     indentation = None  # type: Floats | None
     notes = ()  # type: tuple[str, ...]  # doubts for the user, one line each
@@ -53,13 +54,26 @@ class Problem:
     def fits(self, other: object) -> bool:
         """Return whether a problem has equal grid, material and surface compliance."""
         same = isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
-        return same and other.surface_compliance == self.surface_compliance
+        return same and np.array_equal(other.surface_compliance, self.surface_compliance)
 
     @property
     def kernel(self) -> Kernel:
-        """Kernel of the bodies on this patch."""
-        kernel = patch_kernel(self.material.kernel, self.grid)
-        return CompliantKernel(kernel, self.surface_compliance) if self.surface_compliance else kernel
+        """Kernel of the bodies on this patch, with the part of the surface compliance that all cells have.
+
+        On a periodic patch, where displacements by the kernel have no mean, a surface compliance that varies is left
+        out.
+        """
+        kernel, compliance = patch_kernel(self.material.kernel, self.grid), self.surface_compliance
+        if np.ndim(compliance):
+            compliance = 0.0 if self.grid.doubly_periodic else float(np.min(compliance))
+        return CompliantKernel(kernel, compliance) if compliance else kernel
+
+    @property
+    def compliance(self) -> Floats | None:
+        """Surface compliance of each cell that the kernel leaves out, shape (ny, nx), or None."""
+        if np.ndim(self.surface_compliance) == 0:
+            return None
+        return self.surface_compliance - getattr(self.kernel, "surface_compliance", 0.0)
 
     @property
     def periodic(self) -> str:
@@ -69,7 +83,8 @@ class Problem:
     @property
     def refinable(self) -> bool:
         """True if the shape exists on finer grids."""
-        return not self.sampled and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
+        laws = self.hardness, self.background_pressure, self.surface_compliance
+        return not self.sampled and not any(map(np.ndim, laws))
 
     def on(self, grid: Grid) -> Self:
         """Return the same problem on the grid `grid`."""

@@ -107,6 +107,9 @@ class Circulant:
         self.operator = operator
         grid, kernel = operator.grid, operator.kernel
         blocks, periodic, contrast = self.blocks, grid.doubly_periodic, kernel.contrast(grid)
+        self._compliance = None
+        if periodic and operator.compliance is not None:
+            blocks = 0
         has_stiff_layer = not grid.doubly_periodic and contrast > MIN_STIFF_CONTRAST
         self.multiplier = circulant_inverse(operator, apart=True, padded=has_stiff_layer)
         shared = operator.slabs, operator.comm
@@ -153,22 +156,56 @@ class Circulant:
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
-            self.extend(r, z, reduced)
-            self.multiplier.apply(z, z, rows=self.extension.rows)
-            self.extension.restrict(z)
-            if not self._scattered:
-                return None
-            product = self.average.apply_transpose(r, z)
-            return None if r is z else product
+            if self.operator.compliance is not None:
+                return self._precondition_springs(r, z, reduced)
+            return self._precondition_bodies(r, z, reduced)
+
+    def _precondition_bodies(self, r, z, reduced):
+        self._extend(r, z, reduced)
+        self.multiplier.apply(z, z, rows=self.extension.rows)
+        self.extension.restrict(z)
+        if not self._scattered:
+            return None
+        product = self.average.apply_transpose(r, z)
+        return None if r is z else product
+
+    def _precondition_springs(self, r, z, reduced):
+        share, springs = self._shares(r.dtype)
+        rest, bodies = springs * r, share * r
+        self._precondition_bodies(bodies, z, reduced)
+        z *= share
+        z += rest
+
+    def _shares(self, dtype):
+        """Return the share T of the bodies, and the factor (1 - T)^2 / D of the springs."""
+        operator = self.operator
+        if self._compliance is not operator.compliance:  # a window may have moved
+            self._compliance = operator.compliance
+            longest, shortest = operator.kernel.middle_displacement(operator.grid.sides[::-1]), 0.0
+            shortest = operator.kernel.smallest_eigenvalue(operator.grid)
+            middle = np.sqrt(longest * shortest)
+            share = middle / (middle + self._compliance)
+            self._weights = share, self._compliance * (share / middle) ** 2
+        return [weight.astype(dtype) for weight in self._weights]
 
     def local_terms(self, q):
         """Return means of the field q over blocks of this rank's rows, for `precondition`.
 
         The result is empty on a single rank, and if no block means are used.
         """
-        return self.average.local_means(q) if self._scattered and self.operator.comm is not None else ()
+        if not self._scattered or self.operator.comm is None:
+            return ()
+        if self.operator.compliance is not None:
+            q = self._shares(q.dtype)[0] * q
+        return self.average.local_means(q)
 
-    def extend(self, r, out=None, reduced=None):
+    def extend(self, r):
+        """Continue a residual r past the contact edge, in place: r = E T r."""
+        if self.operator.compliance is not None:
+            r *= self._shares(r.dtype)[0]
+        self._extend(r)
+
+    def _extend(self, r, out=None, reduced=None):
         """Extend the residual r past the contact edge: out = E r.
 
         E does not change r on contact. It continues r outside by steps with the 3 x 3 centre of B

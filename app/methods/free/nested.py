@@ -42,7 +42,8 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
         Solution on the target grid, and how the solve ended.
     """
     settings, comm, level, coarse, boxes = stop.settings, hierarchy.comm, None, None, None
-    nested, prolong = settings.nested, lift if settings.prolongation == "lift" else None
+    lifts = settings.prolongation == "lift" and hierarchy.target.compliance is None
+    nested, prolong = settings.nested, lift if lifts else None
     if lists and not lists.suit(len(hierarchy.levels) - 1, loading):
         lists = None
         hierarchy.target.prepare("exact_product")  # first: it lends its storage

@@ -101,6 +101,7 @@ class TrackingSolver(LinearSolver):
         if not self.multilevel:
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
+        self.operator.add_springs(p, u)
 
     _multiply_in_contact = _multiply  # to solve the system; elsewhere u is not needed
 

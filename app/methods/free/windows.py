@@ -133,6 +133,8 @@ class WindowedLevel:
         if level is hierarchy.target:
             self.verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
         fine = self._cache.window((self._number, "fine"), grid, slabs, few, self.verification)
+        if level.compliance is not None:
+            fine.compliance = self._scatter.forward(level.compliance)
         below = self._cache.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
         cut = Scatter(coarse_window.relative_to(outer), coarse.operator.slabs, below.slabs, comm).forward
