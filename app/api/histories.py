@@ -14,10 +14,11 @@ from app.api.shifted_problem import check_kind
 from app.api.wear import WearPath
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, is_number, plain_number
 from app.base.petsc import synchronized
-from app.base.types import Length, Prescribed
+from app.base.types import ArrayLike, Length, Prescribed
 from app.base.usage import usage
 from app.contact.loading_input import USAGE, single_loading
 from app.contact.tilting_input import single_path
+from app.problems.arrays import check_compliance
 from app.problems.problem import Problem
 
 
@@ -115,7 +116,7 @@ class Histories:
     @usage(f"solver.wear(coefficient=1e-9, distance=4000, steps=80, {USAGE}")
     def wear(
         self,
-        coefficient: float,
+        coefficient: ArrayLike,
         distance: float,
         steps: int,
         *,
@@ -127,8 +128,8 @@ class Histories:
 
         Parameters
         ----------
-        coefficient : float
-            Wear coefficient k, the worn volume over load and distance [mm2/N].
+        coefficient : float or array_like, shape (ny, nx)
+            Wear coefficient k, the worn volume over load and distance [mm2/N]; of each cell from 0.
         distance : float
             Sliding distance of all steps [mm].
         steps : int
@@ -150,13 +151,16 @@ class Histories:
             If a number is not allowed, or the problem has a hardness or a background pressure.
         """
         for name, value in (("coefficient", coefficient), ("distance", distance)):
-            if not (is_number(plain_number(value)) and 0 < float(value) < np.inf):
+            if name == "coefficient" and np.ndim(value):
+                coefficient = check_compliance(value, self.problem.grid, name)
+            elif not (is_number(plain_number(value)) and 0 < float(value) < np.inf):
                 raise InputError(f"{name} {value}: must be a positive number")
+        coefficient = coefficient if np.ndim(coefficient) else float(coefficient)
         steps = plain_number(steps)
         if not (isinstance(steps, int) and not isinstance(steps, bool) and steps > 0):
             raise InputError(f"steps {steps}: must be a whole number from 1")
         kind, numbers = self._begin_history("wear", loadings, steps, "steps")
-        compliance = float(coefficient) * float(distance) / steps
+        compliance = coefficient * (float(distance) / steps)
         problem = copy(self.problem)
         object.__setattr__(problem, "surface_compliance", problem.surface_compliance + compliance)
         solver = type(self)(problem, *self._made_by)

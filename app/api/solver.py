@@ -384,7 +384,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         proof = proof.under(loading.load, measured.load, loading.moment_error(state))
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         errors = outcome.grid_errors.add_contact_edge(measured, outcome.discretisation_error, self.problem)
-        before, problem, rows = self._indentation, self.problem, self.hierarchy.slabs.rows
+        before = self._indentation
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, tilt = state.distance, state.depth, state.distance.tilt
         approach, moments = loading.solved_approach(state), measure_moments(state)
@@ -400,11 +400,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p),
             indentation_before=before.depth,
-            extra={
-                name: value[rows]
-                for name in ("hardness", "surface_compliance")
-                if np.ndim(value := getattr(problem, name))
-            },
+            extra=self.problem.fields(self.hierarchy.slabs.rows),
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,

@@ -170,8 +170,7 @@ def _describe_extensions(facts, fields):
     """Return lines on background pressure, surface compliance, time and wear."""
     names = "background_pressure", "surface_compliance", *(["time"] if "relaxation_times" in facts else [])
     lines = [f"{label_of(name)} {facts[name]:.6g} {unit_of(name)}" for name in names if name in facts]
-    if "background_pressure" in fields:
-        lines.append("background pressure of each cell")
+    lines += [f"{label_of(name)} of each cell" for name in names[:2] if name in fields]
     if {"worn_volume", "sliding_distance"} <= facts.keys():
         text = f"worn volume {facts['worn_volume']:.6g} mm3 at a sliding distance of "
         lines.append(text + format_quantity(facts["sliding_distance"], "mm", 6))

@@ -27,13 +27,14 @@ class WearStep(ShiftedProblem):
         Problem without k s.
     worn : ndarray, shape (local rows, nx)
         Worn depth before the step [mm].
-    compliance : float
+    compliance : float or ndarray, shape (local rows, nx)
         k s [mm / (N/mm2)].
     """
 
     def __init__(self, problem, hierarchy, bodies, worn, compliance):
         self.grid, self.comm, self.hardness = problem.grid, hierarchy.comm, None
         self.bodies, self.displacement, self.compliance = bodies, worn, compliance
+        self._fields = bodies.fields(hierarchy.slabs.rows)
 
     def add_to(self, solution, values):
         """Return the Solution with the worn shape; see `ShiftedProblem.add_to`."""
@@ -46,7 +47,7 @@ class WearStep(ShiftedProblem):
             deformation=solution.deformation_plus(-now),
             distance=lambda: distance() + now,
             indentation=solution.approach - self.touching,
-            extra=solution.extra | {"worn_depth": worn},
+            extra=self._fields | {"worn_depth": worn},
             problem=facts | self.bodies.describe() | {"worn_volume": float(volume)},
         )
 
@@ -63,7 +64,7 @@ class WearPath(LoadPath):
         Solver of the problem with the surface compliance k s added.
     bodies : Problem
         Problem without k s.
-    compliance : float
+    compliance : float or ndarray, shape (ny, nx)
         k s of one step [mm / (N/mm2)].
     distances : sequence of float
         Sliding distances at the ends of the steps [mm].
@@ -72,7 +73,8 @@ class WearPath(LoadPath):
     can_resume = False
 
     def __init__(self, solver, bodies, compliance, distances, kind, numbers, stiffness=False, progress=False):
-        self.coordinates, self._bodies, self._compliance = {"sliding_distance": distances}, bodies, compliance
+        self.coordinates, self._bodies = {"sliding_distance": distances}, bodies
+        self._compliance = compliance[solver.hierarchy.slabs.rows] if np.ndim(compliance) else compliance
         self._worn = np.zeros(solver.hierarchy.target.local_shape)
         super().__init__(solver, kind, numbers, stiffness, (), progress)
 

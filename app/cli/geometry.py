@@ -23,7 +23,7 @@ from app.parallel.slabs import Slabs
 from app.problems import shapes, user_problem
 from app.problems.contact_problem import ContactProblem
 from app.problems.default_patch import default_patch
-from app.problems.gap_file import GapFile, HardnessFile
+from app.problems.gap_file import ComplianceFile, GapFile, HardnessFile
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.roller import Roller, read_profile
 from app.problems.surfaces.reading import read_surface
@@ -64,9 +64,10 @@ def make_problem(options, texts, comm):
     elif name != "file":
         shapes.check_strip(grid)
     surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))
-    file = options["hardness_file"]
-    limit = HardnessFile(file).values_on(grid) if file else options["hardness"]
-    laws = {"hardness": limit} | {law: options[law] for law in ("background_pressure", "surface_compliance")}
+    laws = {law: options[law] for law in ("hardness", "background_pressure", "surface_compliance")}
+    for law, kind in (("hardness", HardnessFile), ("surface_compliance", ComplianceFile)):
+        if file := options[f"{law}_file"]:
+            laws[law] = kind(file).values_on(grid)
     laws = {law: value for law, value in laws.items() if value is not None}
     if name == "python" and not surfaces and not laws:
         return shape, own

@@ -78,6 +78,7 @@ MATERIAL_OPTIONS = [
     Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
     Option("surface_compliance", from_zero, None, "displacement of a cell by its own pressure [mm3/N] (default: 0)"),
     Option("background_pressure", from_zero, None, "pressure in the gap, part of the load [N/mm2] (default: 0)"),
+    Option("surface_compliance_file", word, None, "surface compliance (ny, nx): .npy, .npz, .h5[:/dataset] or text"),
     Option("hardness_file", word, None, "hardness (ny, nx): .npy, .npz, .h5[:/dataset] or text; inf: elastic"),
 ]  # fmt: skip
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
@@ -136,8 +137,16 @@ ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 CROWN_ARC = ("roller_crown_radius", "roller_crown_drop")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
 HARDNESS = ("hardness", "hardness_file")
-ALTERNATIVES = (CROWN_ARC, MATERIAL, HARDNESS, ROUGHNESS, RADII)  # at most one of each
+COMPLIANCE = ("surface_compliance", "surface_compliance_file")
+ALTERNATIVES = (CROWN_ARC, MATERIAL, HARDNESS, COMPLIANCE, ROUGHNESS, RADII)  # at most one of each
 SURFACE_FILES = ("surface_file", "surface_file2")
-FILES = ("gap_file", "hardness_file", "problem_type", "roller_profile", *SURFACE_FILES)
+FILES = (
+    "gap_file",
+    "hardness_file",
+    "surface_compliance_file",
+    "problem_type",
+    "roller_profile",
+    *SURFACE_FILES,
+)
 WAVY = ("surface_sigma", "surface_decay", "surface_modes")
 SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)

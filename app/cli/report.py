@@ -172,7 +172,9 @@ def request_section(result):
         "patch": f"{size} {unit.name}, {kind}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
-    arrays = dict.fromkeys(result.extra.keys() & {"background_pressure"}, "of each cell")
+    arrays = dict.fromkeys(
+        result.extra.keys() & {"background_pressure", "surface_compliance"}, "of each cell"
+    )
     for name, value in (values | arrays).items():
         if name.startswith(_REQUESTED):
             unit = "" if isinstance(value, str) else _UNITS.get(name, "")

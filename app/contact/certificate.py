@@ -54,7 +54,7 @@ on the gaps or on the overlaps that are left.
 
 *Compliance of each cell.* If the matrix is A + D with a diagonal D >= 0, the proofs hold with numbers of A alone: no
 diagonal entry of A + D, and no eigenvalue, is smaller. Only L is larger, by the largest entry of D. On a periodic patch
-w may have a sum s: since ``w.(A + D)^-1 w`` is the least ``v.Bv + z.D^-1 z`` with v + z = w, it is at most ``v.Bv + s^2 /
+w may have a sum s: ``w.(A + D)^-1 w`` is the least ``v.Bv + z.D^-1 z`` with v + z = w, so it is at most ``v.Bv + s^2 /
 sum(D)`` with ``v = w - D s / sum(D)``, which has no mean.
 
 *Prescribed load and moments.* Both bounds hold if p has the prescribed load: f at the computed approach and f under the

@@ -289,9 +289,8 @@ class PrescribedMeanPressure(PrescribedLoad):
 def least_stiffness(state):
     """Return a lower bound of the stiffness of C [N/mm]. Collective.
 
-    If A is not singular the bound is 0. On a periodic patch let q be the pressure on C with A q = 1 there. The stiffness is
-    the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact this bound grows to
-    infinity.
+    The bound is 0 unless A is singular. Let q be the pressure on C with A q = 1 there. The stiffness is the cell area
+    times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact this bound grows to infinity.
     """
     if not state.operator.is_singular:
         return 0.0

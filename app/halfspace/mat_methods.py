@@ -103,7 +103,9 @@ class MatMethods:
 
     def _own_entries(self):
         """Return the diagonal of the matrix, shape (local rows, nx)."""
-        return np.full(self.local_shape, self.diagonal) + (0.0 if self.compliance is None else self.compliance)
+        return np.full(self.local_shape, self.diagonal) + (
+            0.0 if self.compliance is None else self.compliance
+        )
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

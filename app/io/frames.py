@@ -11,6 +11,7 @@ UNITS = {
     **dict.fromkeys(("worn_depth", "slip"), "mm"),
     **dict.fromkeys(("pressure", "hardness", "background_pressure", "traction"), "N/mm2"),
     **dict.fromkeys(("contact", "plastic"), "1"),
+    "surface_compliance": "mm3/N",
     **dict.fromkeys(("flux_x", "flux_y"), "mm2"),
 }
 _LONG_NAMES = {

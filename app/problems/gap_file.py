@@ -1,7 +1,7 @@
-"""Fields of the cells from files: undeformed distance, hardness."""
+"""Fields of the cells from files: undeformed distance, hardness, surface compliance."""
 
 from app.base.errors import InputError
-from app.problems.arrays import check_hardness, check_shape, check_size
+from app.problems.arrays import check_compliance, check_hardness, check_shape, check_size
 from app.problems.surfaces.array_file import StoredArray, read_array
 from app.problems.surfaces.points import detect_list
 from app.problems.surfaces.text_heads import read_gwyddion_head
@@ -41,6 +41,17 @@ class HardnessFile(FieldFile):
         """Return the validated hardness of a grid's cells; None if all are elastic."""
         self.check_grid(grid)
         return check_hardness(self.rows(), grid, f"{self.label} {self.file}")
+
+
+class ComplianceFile(FieldFile):
+    """Surface compliance [mm3/N] from a file."""
+
+    label, quantity, unit = "surface compliance file", "surface compliance", "mm3/N"
+
+    def values_on(self, grid):
+        """Return the validated surface compliance of a grid's cells; a number if all are equal."""
+        self.check_grid(grid)
+        return check_compliance(self.rows(), grid, f"{self.label} {self.file}")
 
 
 class GapFile(FieldFile):

@@ -75,6 +75,11 @@ class Problem:
             return None
         return self.surface_compliance - getattr(self.kernel, "surface_compliance", 0.0)
 
+    def fields(self, rows: slice) -> dict[str, Floats]:
+        """Return hardness and surface compliance by name if they are arrays, shape (rows, nx)."""
+        laws = {name: getattr(self, name) for name in ("hardness", "surface_compliance")}
+        return {name: values[rows] for name, values in laws.items() if np.ndim(values)}
+
     @property
     def periodic(self) -> str:
         """`periodic` of the grid, see `Grid`."""

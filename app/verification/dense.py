@@ -108,6 +108,9 @@ class DenseProblem:
     def __init__(self, problem):
         self.grid = problem.grid
         self._matrix = long_matrix(self.grid, problem.kernel)
+        varies = problem.compliance is not None
+        if varies:
+            self._matrix[np.diag_indices(self.grid.n)] += problem.compliance.ravel()
         self.matrix = self._matrix.astype(float)
         gap = np.asarray(problem.gap, float).ravel()
         self.inside = ~np.isnan(gap)
@@ -117,7 +120,7 @@ class DenseProblem:
         self._a = self.matrix[np.ix_(self.inside, self.inside)]
         self._long = self._matrix[np.ix_(self.inside, self.inside)]
         # On all cells of a periodic patch A is singular.
-        self._singular = self.grid.doubly_periodic and self.inside.all()
+        self._singular = self.grid.doubly_periodic and self.inside.all() and not varies
         hardness = np.inf if problem.hardness is None else problem.hardness
         self._upper = np.broadcast_to(hardness, self.grid.shape).ravel()[self.inside].astype(np.longdouble)
         self._sets = None  # the last open, elastic and plastic cells, a good guess of the next

@@ -81,6 +81,12 @@ class Circulant:
     For a stiff layer on a soft substrate, B also continues fields past the boundary of a free patch
     (`app.methods.free.padded_inverse`), and E takes 3 k steps.
 
+    If cells have a compliance D of their own (`InfluenceOperator.compliance`), the matrix is A + D. Bodies and springs
+    are in series: ``r.(A + D)^-1 r`` is the least ``v.A^-1 v + z.D^-1 z`` with v + z = r. So with any share T of r on
+    the bodies, ``T A^-1 T + (1 - T) D^-1 (1 - T)`` is at least the inverse. It is the preconditioner, with the above in
+    place of A^-1 and ``T = m / (m + D)``. Here m is the geometric mean of A's eigenvalues for the longest and the
+    shortest waves. If D is constant, the condition number is at most about a quarter of the root of their ratio.
+
     Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
     of a block in each direction (default 0: no block means).
     """
