@@ -50,7 +50,9 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
 
         try:
             step = state.on_contact_or_overlap().rms
-            outcome = loading.solve_by_search(state, solve, stop, 0.1, 0.1 * stop.rtol, step)
+            # The load that the search leaves over is spread evenly, also over cells that are much softer than others.
+            tighter = 0.1 if operator.compliance is None else 1e-3
+            outcome = loading.solve_by_search(state, solve, stop, tighter, tighter * stop.rtol, step)
         finally:
             solver.destroy()
     return outcome._replace(fallbacks=outcome.fallbacks + 1)
