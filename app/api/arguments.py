@@ -18,6 +18,7 @@ from app.options.method import DEFAULT, make_settings
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions, options_with_prefix
 from app.options.viewers import check_viewers, estimate_files
+from app.problems.arrays import check_compliance
 from app.problems.problem import Problem
 
 MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums over images are long below
@@ -62,7 +63,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
     grid = problem.grid
-    varies = np.ndim(problem.surface_compliance) > 0
+    check_compliance(problem.surface_compliance, grid)
+    varies = problem.compliance is not None
     kinds = grid.doubly_periodic and not varies, problem.kernel.is_thin_film(grid) and not varies
     settings = make_settings(method, texts, *kinds)
     if varies and settings.type != DEFAULT:

@@ -9,7 +9,9 @@ the solution for g = 1:
   hardness. When the contact unloads, they become elastic, so the unloading stiffness has all contact cells.
 - At a fixed approach, a number J(p) with dJ/dp = g has dJ/d(shape) = -y. For the load, y = dx dy q.
 - At a fixed load, the approach changes by s.q / sum(q). So dJ/d(shape) = -y + q sum(y) / sum(q).
-- At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells.
+- At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells. If the cells have a
+  compliance D of their own, their displacement D p has a mean, too. With the solution z for g = D, dJ/d(shape) = -y +
+  (1 - z) sum(y) / (cells - sum(z)).
 
 A layer on a rigid base of a periodic patch is also compressed by c times the mean pressure, which A does not include.
 So at a fixed approach, y is the solution for the matrix ``A + c / cells``: -y becomes -y + q c sum(y) / (cells + c
@@ -209,14 +211,15 @@ class Derivatives:
             q = solve(1.0) if fixed == "load" or uniform else None
             if g is None:
                 return q / self._sum(q)
-            y = solve(g)
+            y, compliance = solve(g), self.hierarchy.target.compliance
+            z = 0.0 if fixed != "mean_gap" or compliance is None else solve(compliance)
         if uniform:
             y -= q * (uniform * self._sum(y) / (grid.n + uniform * self._sum(q)))
         if fixed == "approach":
             return -y
         if fixed == "load":
             return q * (self._sum(y) / self._sum(q)) - y
-        return self._sum(y) / grid.n - y
+        return (1 - z) * (self._sum(y) / (grid.n - self._sum(z))) - y
 
     def _in_full_contact(self, g, fixed):
         """Return the derivatives in full contact of periodic patches.

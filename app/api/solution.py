@@ -138,9 +138,9 @@ class Solution(_Numbers, ContactFields):
     indentation_before : ndarray of float64, or None
         Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
     extra : dict of str to ndarray
-        More fields by their names in a result file, also attributes of the solution: ``hardness`` and
-        ``background_pressure`` of the cells if they differ [N/mm2], ``worn_depth`` of `ContactSolver.wear` [mm], and
-        those of `flow`.
+        More fields by their names in a result file, also attributes of the solution: ``hardness``,
+        ``background_pressure`` [N/mm2] and ``surface_compliance`` [mm3/N] of the cells if they differ, ``worn_depth``
+        of `ContactSolver.wear` [mm], and those of `flow`.
     computed : dict
         Results that methods have computed: that of `flow`.
     """

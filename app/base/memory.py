@@ -19,6 +19,7 @@ DOUBLE_PRECISION = 2  # more doubles of the default methods without single preci
 CYCLES = 12  # more doubles of the active set with Gauss-Seidel, multigrid, or the search on periodic patches
 HARDNESS = 3  # more doubles with a hardness
 LAYER = 2  # more doubles with a coating or layer
+COMPLIANCE = 5  # more doubles with a surface compliance of each cell
 STRIP_DOUBLES = 64  # per cell of each of up to 4 rows and columns, for transforms
 EXCHANGE = 0.2  # share more on several ranks, for receive buffers
 MIN_DOUBLES = 9  # per cell, of any method on any problem
@@ -34,7 +35,7 @@ def set_malloc_option(option, value):
         ctypes.CDLL(None).mallopt(option, value)
 
 
-def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
+def doubles_per_cell(settings, periodic=False, capped=False, layered=False, compliant=False):
     """Return a method's peak memory in doubles per cell.
 
     Parameters
@@ -47,8 +48,10 @@ def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
         Whether the problem has a hardness.
     layered : bool
         Whether a body has a coating or layer.
+    compliant : bool
+        Whether each cell has a surface compliance of its own.
     """
-    doubles = DOUBLES[settings.type] + HARDNESS * capped + LAYER * layered
+    doubles = DOUBLES[settings.type] + HARDNESS * capped + LAYER * layered + COMPLIANCE * compliant
     if settings.type in ("fast", "primal"):
         return doubles + DOUBLE_PRECISION * (not settings.single)
     if settings.type != "active_set":

@@ -270,12 +270,11 @@ class PrescribedMeanGap(PrescribedApproach):
         must not be negative unless a hardness lets plastic cells overlap.
         """
         text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
-        if not distance.is_singular:
-            doubt = "not with a surface compliance that varies, whose mean displacement is unknown"
-            raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
         if holes := grid.n - distance.statistics.cells:
             doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"
             raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
+        if not distance.is_singular:
+            return cls._search(value, text, distance)
         if value < -rounding and distance.max_depth < np.inf:
             limit = "it must be at least 0 mm without a hardness"
             raise InputError(f"{text}: the bodies do not penetrate each other; {limit}")
@@ -286,6 +285,17 @@ class PrescribedMeanGap(PrescribedApproach):
         # Without the reference, which would cost digits.
         depth = (mean - value) + distance.statistics.mean_rest
         return cls(distance, _without_rounding(depth, mean, distance, np.inf), value)
+
+    @staticmethod
+    def _search(value, text, distance):
+        """Return the loading for cells with a compliance of their own, whose displacements have a mean."""
+        if value <= 0:
+            raise InputError(f"{text}: must be above 0 mm with a surface compliance that varies")
+        if value >= distance.statistics.mean - distance.touching:
+            return PrescribedApproach(distance.approach_at(distance.statistics.mean - value))
+        from app.contact.mean_gap_search import SearchedMeanGap  # which imports this module
+
+        return SearchedMeanGap(value)
 
     @classmethod
     def check_grid(cls, grid):

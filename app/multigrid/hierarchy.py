@@ -34,8 +34,8 @@ def check_memory(comm, problem, grid, settings):
     # The memory per target cell includes that of coarser grids which all ranks share.
     coarse = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(coarse)
-    layered = not problem.material.is_half_space
-    per_cell = doubles_per_cell(settings, grid.doubly_periodic, problem.hardness is not None, layered)
+    parts = problem.hardness is not None, not problem.material.is_half_space, problem.compliance is not None
+    per_cell = doubles_per_cell(settings, grid.doubly_periodic, *parts)
     doubles = cells * per_cell + doubles_in_strips(grid)
     check_host_memory(ranks.comm, grid, doubles)
 

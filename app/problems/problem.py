@@ -73,7 +73,7 @@ class Problem:
         """Surface compliance of each cell that the kernel leaves out, shape (ny, nx), or None."""
         if np.ndim(self.surface_compliance) == 0:
             return None
-        return self.surface_compliance - getattr(self.kernel, "surface_compliance", 0.0)
+        return np.asarray(self.surface_compliance) - getattr(self.kernel, "surface_compliance", 0.0)
 
     def fields(self, rows: slice) -> dict[str, Floats]:
         """Return hardness and surface compliance by name if they are arrays, shape (rows, nx)."""

@@ -176,23 +176,23 @@ class Circulant:
         return None if r is z else product
 
     def _precondition_springs(self, r, z, reduced):
-        share, springs = self._shares(r.dtype)
+        share, springs = self._shares()
         rest, bodies = springs * r, share * r
         self._precondition_bodies(bodies, z, reduced)
         z *= share
         z += rest
 
-    def _shares(self, dtype):
+    def _shares(self):
         """Return the share T of the bodies, and the factor (1 - T)^2 / D of the springs."""
         operator = self.operator
         if self._compliance is not operator.compliance:  # a window may have moved
             self._compliance = operator.compliance
-            longest, shortest = operator.kernel.middle_displacement(operator.grid.sides[::-1]), 0.0
-            shortest = operator.kernel.smallest_eigenvalue(operator.grid)
-            middle = np.sqrt(longest * shortest)
-            share = middle / (middle + self._compliance)
-            self._weights = share, self._compliance * (share / middle) ** 2
-        return [weight.astype(dtype) for weight in self._weights]
+            grid, kernel, compliance = operator.grid, operator.kernel, operator.compliance
+            middle = np.sqrt(kernel.middle_displacement(grid.sides[::-1]) * kernel.smallest_eigenvalue(grid))
+            share = middle / (middle + compliance)
+            weights = share, compliance * (share / middle) ** 2
+            self._weights = [weight.astype(operator.dtype) for weight in weights]
+        return self._weights
 
     def local_terms(self, q):
         """Return means of the field q over blocks of this rank's rows, for `precondition`.
@@ -202,13 +202,13 @@ class Circulant:
         if not self._scattered or self.operator.comm is None:
             return ()
         if self.operator.compliance is not None:
-            q = self._shares(q.dtype)[0] * q
+            q = self._shares()[0] * q
         return self.average.local_means(q)
 
     def extend(self, r):
         """Continue a residual r past the contact edge, in place: r = E T r."""
         if self.operator.compliance is not None:
-            r *= self._shares(r.dtype)[0]
+            r *= self._shares()[0]
         self._extend(r)
 
     def _extend(self, r, out=None, reduced=None):
