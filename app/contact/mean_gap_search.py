@@ -3,7 +3,7 @@
 from app.contact.approach_search import SearchedLoading
 
 _MIN_GAP = 1e-3  # least mean gap that the search distinguishes, over the prescribed one
-_RTOL, _MAX_RTOL = 1e-6, 1e-3  # tolerance of the mean gap, over that at first touch, and over itself
+_RTOL, _MAX_RTOL = 1e-5, 1e-2  # largest error of the mean gap, over that at first touch, and over itself
 _MIN_TARGET = 1e-3  # of a coarser grid, on which the bodies may not touch at the prescribed mean gap
 
 
@@ -38,11 +38,7 @@ class SearchedMeanGap(SearchedLoading):
         self.target = max(self._at_first_touch(state) / self._mean_gap - 1, _MIN_TARGET)
         return super().search(state, solve, rtol, step)
 
-    def resolution(self, grid):
-        """Return a tolerance that the stopping test allows; see `SearchedLoading.resolution`."""
-        return min(_RTOL * (self.target + 1), _MAX_RTOL)
-
     @property
     def result_rtol(self):
-        """Relative accuracy with which solutions have the number."""
-        return 10 * self.resolution(None)
+        """Relative accuracy with which solutions have the number; residuals limit that of small gaps."""
+        return min(_RTOL * (self.target + 1), _MAX_RTOL)
