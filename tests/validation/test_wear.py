@@ -136,7 +136,7 @@ def test_wrong_wear_is_refused(arguments, message):
         solver.wear(**{"coefficient": 1e-9, "distance": 10, "steps": 3, "load": 5} | arguments)
 
 
-@pytest.mark.parametrize("compliance", [-1, np.nan, "soft", np.ones((8, 8)), True])
+@pytest.mark.parametrize("compliance", [-1, np.nan, "soft", np.ones((8, 9)), True])
 def test_wrong_compliances_are_refused(compliance):
     with pytest.raises(InputError, match="surface_compliance: "):
         ContactProblem(

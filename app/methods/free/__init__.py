@@ -21,6 +21,9 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
   are, too, the tilt also changes (`app.contact.tilted_load`).
 - *Dilute contact.* If few cells of a large grid are in contact, the finer grids are solved on lists of cells
   (`app.methods.free.dilute`).
+- *Compliance of each cell.* If the surface compliance varies, this method also solves on periodic patches, where the
+  displacement cannot be the unknown. `circulant` divides the residual between bodies and springs, and pressures are
+  copied from the coarser grid.
 - *Safeguard.* If the residual stagnates, or is small without satisfying the certificate, `app.methods.safeguard`
   continues; it is slower, but convergence is proved.
 

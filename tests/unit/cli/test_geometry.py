@@ -230,6 +230,20 @@ def test_hardness_is_an_option_of_any_problem(tmp_path, monkeypatch, own):
         assert not of_file.refinable
 
 
+def test_surface_compliance_of_a_file(tmp_path):
+    file, compliance = tmp_path / "compliance.npy", np.zeros((24, 24))
+    cone = {"problem": "cone", "cone_angle": 5, "grid": "24", "domain": "-1,1,-1,1", "contact_modulus": 1}
+    for first in 2.0, 0.0, -1.0:
+        compliance[0, 0] = first
+        np.save(file, compliance)
+        if first >= 0:
+            problem = problem_from(**cone, surface_compliance_file=str(file))
+            np.testing.assert_array_equal(problem.surface_compliance, compliance if first else 0.0)
+            assert problem.refinable == (first == 0)
+    with pytest.raises(InputError, match="compliance.npy: -1 in row 0, column 0; must be 0, or"):
+        problem_from(**cone, surface_compliance_file=str(file))
+
+
 @pytest.mark.parametrize("wrong", [0, -1, np.nan])
 def test_wrong_hardness_of_a_file_is_refused_with_its_place(tmp_path, wrong):
     hardness = np.ones((24, 24))

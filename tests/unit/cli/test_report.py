@@ -100,13 +100,15 @@ def test_report_has_analytic_values_without_rounding(undrawn):
 def test_report_has_wear_and_background_of_each_cell(made, undrawn):
     values = {"worn_volume": 0.02, "sliding_distance": 4e3, "relaxation_times": [0.1, 10.0], "time": 5.0}
     worn = replace(
-        with_attributes(made, **values), extra={"background_pressure": np.ones(made.pressure.shape)}
+        with_attributes(made, **values),
+        extra=dict.fromkeys(("background_pressure", "surface_compliance"), np.ones(made.pressure.shape)),
     )
     numbers = {found["label"]: found["value"] for found in report.numbers_section(worn).quantities}
     assert (numbers["worn volume"], numbers["sliding distance"]) == ("0.02 mm3", "4000 mm")
     assert numbers["time"] == "5 s"
     facts = report.request_section(worn).facts
     assert (facts["background_pressure"], facts["relaxation_times"]) == ("of each cell", "0.1, 10 s")
+    assert facts["surface_compliance"] == "of each cell"
     uniform = with_attributes(made, background_pressure=2.0, surface_compliance=1e-6)
     facts = report.request_section(uniform).facts
     assert facts["background_pressure"] == "2 N/mm²" and facts["surface_compliance"].startswith("1e-06 mm")
