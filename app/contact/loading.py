@@ -1,4 +1,4 @@
-"""Loadings: the base class, a prescribed approach and a prescribed mean gap.
+"""Loadings: the base class, and a prescribed approach.
 
 A loading is a prescribed quantity. `app.contact.loading_input.LOADINGS` has its class, by name; everything that a user
 can prescribe is read from there. The solvers call these methods of a loading:
@@ -22,7 +22,7 @@ from app.base.errors import InputError, format_exact
 from app.contact.tilt import NO_TILT
 
 _FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of full contact
-_ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
+ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
 
 
 class Loading:
@@ -199,18 +199,18 @@ class PrescribedApproach(Loading):
         if not distance.is_singular or uniform_compliance:
             return cls(value)
         (cells, mean, *_), reference = distance.statistics, distance.reference
-        has_holes, (full, rounding) = cells < grid.n, _full_contact(distance)
+        has_holes, (full, rounding) = cells < grid.n, full_contact(distance)
         size = max(abs(value), abs(reference))
-        if distance.max_depth == np.inf and not has_holes and value - full > _ROUNDING_ULPS * ulp(size):
+        if distance.max_depth == np.inf and not has_holes and value - full > ROUNDING_ULPS * ulp(size):
             if not distance.depth_rounding(value - reference):
                 return cls(value)
-            return cls(value, _without_rounding(value - reference, size, distance, np.inf))
+            return cls(value, without_rounding(value - reference, size, distance, np.inf))
         if value - full > rounding and not has_holes:
             limit = f"it must be at most {full!r} mm, full contact"
             what = f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative"
             raise InputError(f"{what}; {limit}")
         value, mean = (value, np.inf) if has_holes else (min(value, full), mean)
-        return cls(value, _without_rounding(value - reference, size, distance, mean))
+        return cls(value, without_rounding(value - reference, size, distance, mean))
 
     def depth_on(self, distance):
         """Return the depth of the prescribed approach; see `Loading.depth_on`."""
@@ -240,113 +240,20 @@ class PrescribedApproach(Loading):
         state.depth = self.depth_on(state.distance)
 
 
-class PrescribedMeanGap(PrescribedApproach):
-    """Prescribed mean gap: mean undeformed distance minus approach.
-
-    The mean undeformed distance depends on the grid, and so does the approach.
-
-    Parameters
-    ----------
-    distance : UndeformedDistance
-        Undeformed distance on the target grid.
-    depth : float
-        Depth on the target grid [mm].
-    mean_gap : float
-        Mean gap as the user gave it [mm]; negative only with a hardness.
-    """
-
-    name = kind = "mean_gap"
-    meaning, exact, falls = "mean gap of a periodic patch without holes", (), True
-
-    def __init__(self, distance, depth, mean_gap):
-        super().__init__(distance.approach_at(depth), depth)
-        self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
-
-    @classmethod
-    def create(cls, value, grid, distance, uniform_compliance=0.0):
-        """Return the loading; see `Loading.create`.
-
-        On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach. The mean gap
-        must not be negative unless a hardness lets plastic cells overlap.
-        """
-        text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
-        if holes := grid.n - distance.statistics.cells:
-            doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"
-            raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
-        if not distance.is_singular:
-            return cls._search(value, text, distance)
-        if value < -rounding and distance.max_depth < np.inf:
-            limit = "it must be at least 0 mm without a hardness"
-            raise InputError(f"{text}: the bodies do not penetrate each other; {limit}")
-        # Plastic cells overlap: the mean of e is negative by more than the rounding of the approach.
-        size, mean = max(abs(full), abs(distance.reference)), distance.statistics.mean
-        overlaps = distance.max_depth == np.inf and -value > _ROUNDING_ULPS * ulp(size)
-        value = value if overlaps else max(value, 0.0)
-        # Without the reference, which would cost digits.
-        depth = (mean - value) + distance.statistics.mean_rest
-        return cls(distance, _without_rounding(depth, mean, distance, np.inf), value)
-
-    @staticmethod
-    def _search(value, text, distance):
-        """Return the loading for cells with a compliance of their own, whose displacements have a mean."""
-        if value <= 0:
-            raise InputError(f"{text}: must be above 0 mm with a surface compliance that varies")
-        if value >= distance.statistics.mean - distance.touching:
-            return PrescribedApproach(distance.approach_at(distance.statistics.mean - value))
-        from app.contact.mean_gap_search import SearchedMeanGap  # which imports this module
-
-        return SearchedMeanGap(value)
-
-    @classmethod
-    def check_grid(cls, grid):
-        """Raise InputError unless the patch is periodic in x and y; see `Loading.check_grid`."""
-        if not grid.doubly_periodic:
-            doubt = "only on a periodic patch, in x and y, does it determine the approach"
-            raise InputError(f"mean_gap: {doubt}; use approach, load or mean_pressure")
-
-    @staticmethod
-    def part_of_indentation(depth):
-        """Return the mean depth; see `Loading.part_of_indentation`.
-
-        The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
-        """
-        return depth
-
-    def restore_prescribed(self, measures):
-        """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
-
-        The prescribed number is the mean of the gap e. The mean of max(e, 0) is larger if plastic cells overlap.
-        """
-        return measures if measures.mean_plastic_depth else measures._replace(mean_gap=self._mean_gap)
-
-    def depth_on(self, distance):
-        """Return the depth for the mean gap; see `Loading.depth_on`."""
-        return self._depth + (distance.statistics.mean - self._mean)
-
-    def begin(self, state):
-        """Set the depth on this grid; see `Loading.begin`."""
-        self.set_depth(state)
-
-    def set_depth(self, state):
-        """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
-        super().set_depth(state)
-        state.neglected_gap = ulp(state.depth)
-
-
-def _full_contact(distance):
+def full_contact(distance):
     """Return the approach of full contact and its rounding error [mm]."""
     full = distance.approach_at(distance.statistics.mean)
     return full, _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
 
 
-def _without_rounding(depth, size, distance, full):
+def without_rounding(depth, size, distance, full):
     """Round a depth to first touch, full contact or full plasticity if close.
 
     `full` is the depth of full contact, infinite if plastic cells may overlap. A depth is close to these depths if it
     differs only by the rounding of numbers as large as `size`, from which it was computed. Then pressures or gaps would
     have no correct digits.
     """
-    rounding, touching = _ROUNDING_ULPS * ulp(size), distance.touching
+    rounding, touching = ROUNDING_ULPS * ulp(size), distance.touching
     if full - depth <= rounding:
         return full
     if 0 < distance.plastic_depth - depth <= rounding:

@@ -4,8 +4,9 @@ import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number, plain_number
 from app.base.units import to_length
-from app.contact.loading import PrescribedApproach, PrescribedMeanGap
+from app.contact.loading import PrescribedApproach
 from app.contact.prescribed_load import PrescribedLoad, PrescribedMeanPressure
+from app.contact.prescribed_mean_gap import PrescribedMeanGap
 from app.options.option_table import LARGEST
 
 # Name -> class. Every interface reads the loadings from here, also those that a user has added.
