@@ -208,7 +208,7 @@ class ContactProblem(Problem):
     def refinable(self) -> bool:
         """True if gap and surfaces exist on finer grids."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
-        return parts and super().refinable
+        return parts and not self._varies
 
     @property
     def indentation(self) -> Floats | None:

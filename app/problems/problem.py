@@ -88,8 +88,12 @@ class Problem:
     @property
     def refinable(self) -> bool:
         """True if the shape exists on finer grids."""
+        return not self.sampled and not self._varies
+
+    @property
+    def _varies(self):
         laws = self.hardness, self.background_pressure, self.surface_compliance
-        return not self.sampled and not any(map(np.ndim, laws))
+        return any(map(np.ndim, laws))
 
     def on(self, grid: Grid) -> Self:
         """Return the same problem on the grid `grid`."""
