@@ -369,8 +369,10 @@ class InfluenceOperator(MatMethods):
         default, would make the multigrid method diverge. So a global sweep is made even if a local one is requested.
         """
         a, s = scale_and_shift(mat)
-        if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS) or self.compliance is not None:
-            raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal of its own")
+        if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
+            raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal shift")
+        if self.compliance is not None:
+            raise InputError("Gauss-Seidel sweeps (-pc_type): not with a surface compliance that varies")
         if not self.active:
             x.stateIncrease()  # as on the other ranks, so that they agree on collective calls
             return

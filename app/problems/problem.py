@@ -78,7 +78,7 @@ class Problem:
     def fields(self, rows: slice) -> dict[str, Floats]:
         """Return hardness and surface compliance by name if they are arrays, shape (rows, nx)."""
         laws = {name: getattr(self, name) for name in ("hardness", "surface_compliance")}
-        return {name: values[rows] for name, values in laws.items() if np.ndim(values)}
+        return {name: np.asarray(values)[rows] for name, values in laws.items() if np.ndim(values)}
 
     @property
     def periodic(self) -> str:

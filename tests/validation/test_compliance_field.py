@@ -12,6 +12,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.halfspace.operator import InfluenceOperator
+from app.options.method import read_method_file
 from app.verification.dense import DenseProblem
 from app.verification.solving import approach_at, random_problem, solved, with_hardness
 
@@ -268,6 +269,7 @@ def test_the_mat_has_the_compliance_on_its_diagonal():
         vec.destroy()
 
 
+FAST = {k: v for k, v in read_method_file("fast").items() if not k.startswith("pc")}
 WRONG = np.ones(GRID.shape)
 WRONG[3, 4] = -1
 
@@ -279,6 +281,10 @@ WRONG[3, 4] = -1
         (lambda: ball(None, WRONG * np.nan), "surface_compliance: nan in row 0, column 0; must be 0, or"),
         (lambda: ball(None, WRONG[1:]), r"has shape \(19, 24\); the grid needs"),
         (lambda: solved(ball(), "norm", load=5), "-lcp_type active_set: not with a surface compliance that"),
+        (
+            lambda: solved(ball(), options=FAST | {"pc_type": "mg"}, load=5),
+            "Gauss-Seidel sweeps .* not with a surface compliance that varies",
+        ),
         (lambda: solved(ball(True), mean_gap=0), "mean_gap 0: must be above 0 mm with a surface compliance"),
         (
             lambda: refine(ball(), until=0.1, load=5),
