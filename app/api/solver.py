@@ -209,8 +209,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             dtype=np.float32 if settings.single else np.float64,
             margin=settings.window,
             prefix=self.options.prefix,
-            lists=self.problem.compliance is None
-            and allows_lists(settings, grid, kernel, self.comm, self.listeners),
+            lists=allows_lists(settings, self.problem, self.comm, self.listeners),
             compliance=self.problem.compliance,
         )  # fmt: skip
         self._resources.add(self.hierarchy)

@@ -20,6 +20,7 @@ from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_r
 from app.halfspace.mat_methods import MatMethods, scale_and_shift, symmetric_mat
 from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
+from app.halfspace.springs import SpringMethods
 from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
 
@@ -36,7 +37,7 @@ for _name in ("Alltoall", "Coeffs", "Spectra"):
     setattr(events, _name.lower(), PETSc.Log.Event(f"Influence{_name}"))
 
 
-class InfluenceOperator(MatMethods):
+class InfluenceOperator(MatMethods, SpringMethods):
     """Influence matrix A on one grid, restricted to contact.
 
     Methods called by PETSc are collective.
@@ -73,9 +74,6 @@ class InfluenceOperator(MatMethods):
         The contact set C, initially all cells. Change the mask in place and then call `mask_changed`.
     contact_version : int
         Number of calls of `mask_changed`.
-    compliance : ndarray, shape (local rows, nx), or None
-        Displacement of each cell by pressure 1 on it [mm / (N/mm2)], which products add: the matrix is A plus this
-        diagonal. `product` and `exact_product`, like all preconditioners, are those of A alone.
     products, sweeps : int
         Numbers of products that PETSc requested, and of Gauss-Seidel sweeps: the paper's work units. `product.count` is
         the number of all products, also of those in sweeps and in `displacement`.
@@ -114,8 +112,6 @@ class InfluenceOperator(MatMethods):
         self.products = self.sweeps = 0
         self._spent = 0.0  # work of freed objects, in products
         self.contact_version = 0
-        self.compliance = None
-        self._support = None  # springs, whose displacement products add
         self._energy = None, None  # key of a contact set; its energy under unit pressure, and number of cells
 
     # -- products, made on first use -----------------------------------------------------------------------
@@ -203,20 +199,6 @@ class InfluenceOperator(MatMethods):
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
-    @property
-    def is_singular(self):
-        """True if a constant pressure displaces nothing."""
-        return self.grid.doubly_periodic and self.compliance is None
-
-    def matrix(self):
-        """Return the dense matrix of a small grid. Collective; all ranks do the same work."""
-        matrix = dense_matrix(self.grid, self.kernel)
-        if self.compliance is not None:
-            field = np.zeros(self.grid.shape)
-            field[self.slabs.rows] = self.compliance
-            matrix[np.diag_indices_from(matrix)] += np.ravel(sum_over(self.comm, field))
-        return matrix
-
     @cached_property
     def diagonal(self):
         """Diagonal entry of A [mm3/N], without `compliance`. Collective on first use."""
@@ -303,15 +285,6 @@ class InfluenceOperator(MatMethods):
             self.multipliers.clear()
         self._spent += before - self.equivalent_products
 
-    @contextmanager
-    def supported(self, support):
-        """Add the displacement of springs to products in a ``with`` block; see `app.contact.tilted_load.Springs`."""
-        self._support = support
-        try:
-            yield
-        finally:
-            self._support = None
-
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):
@@ -325,13 +298,6 @@ class InfluenceOperator(MatMethods):
         apply_logged(_mult_event, self.exact_product, p, u)
         if added is not None and not self._verified_elsewhere:
             u += added
-
-    def add_springs(self, p, u):
-        """Add to u = A p the displacement by the `compliance` of the cells, and by springs. Collective."""
-        if self.compliance is not None:
-            u += self.compliance * p
-        if self._support is not None:
-            self._support.add_displacement(p, u)
 
     def energy_of_contact(self):
         """Return p.Ap of unit pressure on C, and C's cells. Collective."""
@@ -353,7 +319,7 @@ class InfluenceOperator(MatMethods):
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
             # Sec. 4.2, 2
             apply_logged(_mult_event, self.product, p, out, self.mask)
-            if not (self.compliance is None and self._support is None):
+            if self.has_springs:
                 self.add_springs(p, out)
                 out *= self.mask
             if (a, s) != (1.0, 0.0):

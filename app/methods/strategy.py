@@ -350,14 +350,14 @@ def _may_be_indefinite(texts):
     return texts.get("ksp_type") in _CG and kind not in ("none", "jacobi", "mg") and foreign
 
 
-def allows_lists(settings, grid, kernel, comm, listeners):
+def allows_lists(settings, problem, comm, listeners):
     """Return whether grids may be solved on lists of cells (`app.methods.free.dilute`). Collective.
 
     Listeners of the user expect fields of a grid or window.
     """
     usual = settings.type == "fast" and settings.nested and settings.window > 0
     usual &= settings.texts.get("pc_python_type", "").endswith(".Circulant")
-    possible = usual and DiluteContact.suits(grid, kernel)
+    possible = usual and problem.compliance is None and DiluteContact.suits(problem.grid, problem.kernel)
     return possible and comm.allreduce(not any(listener.needs_fields for listener in listeners), MPI.LAND)
 
 
