@@ -24,6 +24,8 @@ def test_our_code_runs_and_prints_the_numbers_of_the_page(folder, monkeypatch, c
     names = run_blocks(code_blocks(TEXT))
     first = capsys.readouterr().out.split()
     assert all(f"{float(number):.5g}" in TEXT for number in first[1:4])  # of the rough surface
+    assert any(f"{float(number):.6g}" == "201.596" for number in first), "the sphere of the free half-space"
+    assert "201.596" in TEXT
     assert names["exact"].max_pressure == pytest.approx(float(first[-1]), rel=0.01)
     assert names["steel"].contact_modulus == 226e3 / 2
 
