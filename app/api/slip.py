@@ -30,6 +30,10 @@ from app.contact.prescribed_load import LOAD_ROUNDING
 from app.parallel.reductions import sum_over
 
 _LARGEST_COUPLING = 1e-6  # Dundurs' constant beta up to which bodies are similar
+_SMALL_LOAD = (
+    1e-4  # Tangential load over mu F up to which the error of a difference of approaches is larger than its
+)
+# curvature.
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,8 @@ class PartialSlip:
     dissipated_energy : float
         Energy that a full cycle between -Q and Q dissipates [N mm].
     error_bound : float
-        Proved bound of the relative error of the traction in the energy norm, as a solution of the decoupled problem.
+        Proved bound of the relative error of the traction in the energy norm, as a solution of the decoupled problem;
+        infinite if Q is so small that the traction is lost in rounding.
     traction, slip : ndarray, shape (local rows, nx)
         Tangential traction [N/mm2], and relative displacement of the surfaces where they slip [mm].
     """
@@ -208,18 +213,22 @@ class Friction:
         products = [np.vdot(p, slip), np.vdot(p, u)]
         products += [np.vdot(each.pressure, each.displacement) for each in (normal, stuck)]
         work, change, *energies = np.maximum(sum_over(normal.comm, products), 0.0)
+        stiffness = self.stiffness(stuck) / ratio
+        moved = friction * ratio * (normal.approach - stuck.approach)
+        if tangential_load < _SMALL_LOAD * friction * normal.load:
+            moved = tangential_load / stiffness
         errors = normal.error_bound * np.sqrt(energies[0]) + stuck.error_bound * np.sqrt(energies[1])
         return PartialSlip(
             normal=normal,
             stuck=stuck,
             friction=friction,
             tangential_load=tangential_load,
-            tangential_displacement=friction * ratio * (normal.approach - stuck.approach),
+            tangential_displacement=moved,
             stick_area=stuck.contact_area,
             slip_area=normal.contact_area - stuck.contact_area,
-            tangential_stiffness=self.stiffness(stuck) / ratio,
+            tangential_stiffness=stiffness,
             dissipated_energy=float(4 * friction * (friction * work) * ratio) * self.problem.grid.cell_area,
-            error_bound=float(errors / np.sqrt(change)) if change else 0.0,
+            error_bound=float(errors / np.sqrt(change)) if change else np.inf if tangential_load else 0.0,
             traction=friction * p,
             slip=friction * ratio * slip,
         )

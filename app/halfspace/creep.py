@@ -16,6 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 _BISECTIONS = 200  # at most; doubles are halved until nothing lies between them
+_LEAST_MODULUS = 1e-14  # Smaller shares of the modulus are below the rounding error of the others.
+_SAME_TIME = 1e-12  # Relative difference of relaxation times up to which they are equal.
+_SHORT_STEP = 1e-3  # Duration of a step over tau below which differences are replaced by their Taylor series.
+_SERIES = np.array([[1 / 2, -1 / 3, 1 / 8, -1 / 30], [1 / 2, -1 / 6, 1 / 24, -1 / 120]])  # before, after
 
 
 class CreepFunction(NamedTuple):
@@ -28,8 +32,10 @@ class CreepFunction(NamedTuple):
     def from_relaxation(cls, times, moduli):
         """Convert the relaxation times t_i [s] and moduli g_i, which sum to less than 1."""
         t, g = (np.array(values, float) for values in (times, moduli))
-        t, same = np.unique(t, return_inverse=True)  # ascending
-        g = np.bincount(same, g)
+        order = np.argsort(t)
+        t, g = (values[order[g[order] > _LEAST_MODULUS]] for values in (t, g))
+        is_new = np.diff(t, prepend=0.0) > _SAME_TIME * t
+        g, t = np.bincount(np.cumsum(is_new) - 1, g), t[is_new]
         rates = [0.0, *1 / t[::-1]]  # poles of phi(-rate), and 0, where phi is positive
         roots = [_zero(t, g, low, high) for low, high in pairwise(rates)]
         tau = 1 / np.array(roots)
@@ -54,7 +60,11 @@ class CreepFunction(NamedTuple):
         """
         ratio = np.maximum(duration / np.array(self.times), np.finfo(float).tiny)
         decay, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
-        return decay, mean - decay, 1 - mean
+        series = (
+            _SERIES @ ratio ** np.arange(1, 5)[:, None]
+        )  # The differences below cancel if the ratio is small.
+        before, after = np.where(ratio < _SHORT_STEP, series, [mean - decay, 1 - mean])
+        return decay, before, after
 
 
 def _zero(t, g, low, high):

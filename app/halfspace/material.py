@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact, to_float
+from app.base.errors import InputError, format_exact, is_number, to_float
 from app.base.types import Length
 from app.base.units import to_length
 from app.base.usage import usage
@@ -335,14 +335,17 @@ class Material:
         """
         if not self.is_half_space:
             raise InputError("viscoelastic: only for half-spaces without coatings")
+        if self.creep is not None:
+            raise InputError(
+                "viscoelastic: the material is viscoelastic already; both bodies, or one of them, relax"
+            )
         try:
             times, moduli = (tuple(map(to_float, np.atleast_1d(values))) for values in (times, moduli))
         except (TypeError, ValueError):
             raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
         if not (len(times) == len(moduli) > 0 and all(1 / _LONGEST <= time <= _LONGEST for time in times)):
             raise InputError(
-                f"viscoelastic: must be positive times of {format_exact(1 / _LONGEST)} to {format_exact(_LONGEST)} s, "
-                "and as many moduli"
+                f"viscoelastic: must be one or more times from {1 / _LONGEST:g} to {_LONGEST:g} s, and as many moduli"
             )
         if not (min(moduli) > 0 and sum(moduli) < 1):
             given = ",".join(map(format_exact, moduli))
@@ -351,11 +354,11 @@ class Material:
             )
         creep, relaxation = CreepFunction.from_relaxation(times, moduli), {}
         if body is not None:
-            if isinstance(body, bool) or body not in (1, 2) or not self.bodies:
+            if not is_number(body) or body not in (1, 2) or not self.bodies:
                 raise InputError(f"body {body}: must be 1 or 2, of a material made by Material.pair")
-            young, poisson = self.bodies["young"][body - 1], self.bodies["poisson"][body - 1]
+            young, poisson = (self.bodies[name][int(body) - 1] for name in ("young", "poisson"))
             creep = creep.mixed(self.contact_modulus * (1 - poisson**2) / young)
-            relaxation["relaxing_body"] = body
+            relaxation["relaxing_body"] = int(body)
         copied, relaxation = (
             copy(self),
             {"relaxation_times": list(times), "relaxation_moduli": list(moduli)} | relaxation,

@@ -69,6 +69,30 @@ def test_creep_function_is_the_inverse_of_the_relaxation():
     )
 
 
+@pytest.mark.parametrize("modulus", [1e-17, 1e-30, 1e-300])
+@pytest.mark.parametrize("time", [0.3, 3.0, 7.0, 49.0])
+def test_terms_below_rounding_and_equal_times_change_nothing(time, modulus):
+    plain = CreepFunction.from_relaxation([1.0], [0.4]).at(np.array([0.5, 100.0]))
+    tiny = CreepFunction.from_relaxation([time, 1.0], [modulus, 0.4])
+    twice = CreepFunction.from_relaxation([1.0 + 1e-15, 1.0], [0.3, 0.1])
+    for each in tiny, twice:
+        np.testing.assert_allclose(each.at(np.array([0.5, 100.0])), plain, rtol=1e-12)
+    assert CreepFunction.from_relaxation([time], [modulus]).at(1e3 * time) == 1
+
+
+@pytest.mark.parametrize("rest", [1e-3, 1e-8, 1e-12, 2.0**-53])
+def test_steps_of_nearly_fluid_bodies_follow_the_creep_function(rest):
+    """A constant pressure displaces by J of the duration, one that grows from 0 by the mean of J."""
+    creep = CreepFunction.from_relaxation([1.0], [1 - rest])
+    strengths = np.array(creep.strengths)
+    for duration in (1e-6, 0.1, 3.0):
+        decay, before, after = creep.step(duration)
+        assert 1 + strengths @ (before + after) == pytest.approx(creep.at(duration), rel=1e-12)
+        mean = quad(creep.at, 0, duration, epsabs=0)[0] / duration
+        assert 1 + strengths @ after == pytest.approx(mean, rel=1e-12)
+        np.testing.assert_allclose(decay + before + after, 1, rtol=1e-15)
+
+
 def ball(material, n=64):
     return ContactProblem(Grid.from_domain(n, n, (-1.2, 1.2, -1.2, 1.2)), material, Sphere(10))
 
@@ -135,6 +159,7 @@ def test_one_body_creeps():
     hard = pair.viscoelastic(1, 0.5, body=1)
     share = (1 - 0.3**2) / 210e3 * pair.contact_modulus
     assert repr(soft).endswith(".viscoelastic((1,), (0.5,), body=2)")
+    assert repr(pair.viscoelastic(1, 0.5, body=2.0)) == repr(soft)
     assert hard.creep.at(1e9) - 1 == pytest.approx(share * (both.creep.at(1e9) - 1))
     assert soft.creep.at(1e9) - 1 == pytest.approx((1 - share) * (both.creep.at(1e9) - 1))
 
@@ -142,18 +167,24 @@ def test_one_body_creeps():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (((1, 2), (0.5,)), "positive times"),
+        (((1, 2), (0.5,)), "one or more times"),
         (((1,), (1.0,)), "sum to less than 1"),
-        (((-1,), (0.5,)), "positive times"),
-        (((5e-324,), (0.5,)), "positive times"),
+        (((-1,), (0.5,)), "one or more times"),
+        (((5e-324,), (0.5,)), "from 1e-50 to 1e\\+50 s"),
         (("soon", 1), "must be times"),
         ((1, 0.5, 3), "body 3: must be 1 or 2"),
         ((1, 0.5, True), "body True: must be 1 or 2"),
+        ((1, 0.5, 1.5), "body 1.5: must be 1 or 2"),
     ],
 )
 def test_wrong_spectra_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         RUBBER.viscoelastic(*arguments)
+
+
+def test_a_second_relaxation_is_refused():
+    with pytest.raises(InputError, match="viscoelastic already"):
+        RUBBER.viscoelastic(1, 0.5, body=1).viscoelastic(2, 0.5, body=2)
 
 
 def test_wrong_paths_are_refused():

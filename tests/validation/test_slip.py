@@ -167,8 +167,18 @@ def test_any_friction_has_finite_numbers():
     with ContactSolver(ball(0.3, 16)) as solver:
         found = solver.slip(load=100, friction=1e300, tangential_load=10)
         full = solver.slip(load=Decimal(100), friction=0.29, tangential_load=29)  # 0.29 * 100 < 29
-    assert found.dissipated_energy == 0 and np.isfinite(found.tangential_displacement)
+    assert found.dissipated_energy == 0 and found.error_bound == np.inf  # The traction is lost in rounding.
+    assert found.tangential_displacement == pytest.approx(10 / found.tangential_stiffness)
     assert full.stick_area == 0 < full.slip_area
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-5, 1e-7, 1e-9, 1e-12])
+def test_small_tangential_loads_move_the_bodies_in_proportion(share):
+    with ContactSolver(ball(0.3, 32)) as solver:
+        found = solver.slip(load=LOAD, friction=FRICTION, tangential_load=share * FRICTION * LOAD)
+    assert found.tangential_displacement * found.tangential_stiffness == pytest.approx(
+        found.tangential_load, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("tangential_load", [0, 20, 30])
