@@ -30,10 +30,7 @@ from app.contact.prescribed_load import LOAD_ROUNDING
 from app.parallel.reductions import sum_over
 
 _LARGEST_COUPLING = 1e-6  # Dundurs' constant beta up to which bodies are similar
-_SMALL_LOAD = (
-    1e-4  # Tangential load over mu F up to which the error of a difference of approaches is larger than its
-)
-# curvature.
+_SMALL_LOAD = 1e-4  # Tangential load over mu F below which errors of the approaches outweigh the curvature.
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ import numpy as np
 _BISECTIONS = 200  # at most; doubles are halved until nothing lies between them
 _LEAST_MODULUS = 1e-14  # Smaller shares of the modulus are below the rounding error of the others.
 _SAME_TIME = 1e-12  # Relative difference of relaxation times up to which they are equal.
-_SHORT_STEP = 1e-3  # Duration of a step over tau below which differences are replaced by their Taylor series.
+_SHORT_STEP = 1e-3  # Duration of a step over tau below which Taylor series replace differences that cancel.
 _SERIES = np.array([[1 / 2, -1 / 3, 1 / 8, -1 / 30], [1 / 2, -1 / 6, 1 / 24, -1 / 120]])  # before, after
 
 
@@ -60,9 +60,7 @@ class CreepFunction(NamedTuple):
         """
         ratio = np.maximum(duration / np.array(self.times), np.finfo(float).tiny)
         decay, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
-        series = (
-            _SERIES @ ratio ** np.arange(1, 5)[:, None]
-        )  # The differences below cancel if the ratio is small.
+        series = _SERIES @ ratio ** np.arange(1, 5)[:, None]
         before, after = np.where(ratio < _SHORT_STEP, series, [mean - decay, 1 - mean])
         return decay, before, after
 
