@@ -72,6 +72,8 @@ def made_up_result(nx=128, ny=96, punch_radius=None):
         "hertz_ry": 163.0,
         "shear_modulus": 82000.0,
         "poisson_ratio": 0.28,
+        "contact_modulus": 82000.0 / 0.72,
+        "analytic_approach": 0.1091,
         "domain": [-10.0, 10.0, -6.0, 6.0],
     }
     fields = pressure, gap, displacement, shape - 0.1091, contact

@@ -11,17 +11,23 @@ import pytest
 from cases import hertz
 
 from app import (
+    ContactProblem,
     ContactSolver,
     Grid,
     InputError,
+    Material,
     SelfAffineSurface,
     Solution,
+    Sphere,
     read_result,
     read_surface,
     refine,
+    solve,
     stress,
 )
 from app.api.summary import summary
+from app.halfspace.kernel import HalfSpaceKernel
+from app.plots.pictures import analytic_reference
 
 mpl.use("Agg")
 from matplotlib import pyplot
@@ -242,3 +248,24 @@ def test_a_solve_imports_nothing_to_draw_with():
         "print({'matplotlib', 'pandas', 'xarray', 'IPython', 'tabulate'} & set(sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "set()\n"
+
+
+def test_pictures_show_hertz_only_for_bodies_that_obey_it(tmp_path):
+    steel, grid = Material.isotropic(210e3, 0.3), Grid.from_domain(16, 16, (-0.5, 0.5, -0.5, 0.5))
+    own = Material.from_kernel(type("Own", (HalfSpaceKernel,), {})(steel.kernel.compliance))
+    solutions = {
+        "hertz": solve(ContactProblem(grid, steel, Sphere(10)), load=100),
+        "tilt": solve(ContactProblem(grid, steel, Sphere(10)), load=100, load_centre=(0.1, 0)),
+        "kernel": solve(ContactProblem(grid, own, Sphere(10)), load=100),
+        "gas": solve(ContactProblem(grid, steel, Sphere(10), background_pressure=50), load=100),
+        "compliance": solve(ContactProblem(grid, steel, Sphere(10), surface_compliance=1e-5), load=100),
+    }
+    with ContactSolver(ContactProblem(grid, steel, Sphere(10))) as solver:
+        *_, solutions["wear"] = solver.wear(1e-8, 100, 2, load=100)
+    with ContactSolver(ContactProblem(grid, steel.viscoelastic(1, 0.5), Sphere(10))) as solver:
+        *_, solutions["creep"] = solver.creep([0, 1], load=100)
+    for name, solution in solutions.items():
+        solution.save(tmp_path / "result.h5")
+        result = read_result(tmp_path / "result.h5")
+        assert (analytic_reference(result) is not None) == (name == "hertz"), name
+        assert result.plot("sections") is not None
