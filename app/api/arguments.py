@@ -40,8 +40,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
     Raises InputError if an argument is not allowed, or if this machine cannot do what it asks for.
     """
     check_type("problem", problem, Problem, "a ContactProblem")
-    if problem.material.own_kernel is not None and not problem.kernel.smallest_eigenvalue(problem.grid) > 0:
-        raise InputError(f"{problem.material.own_kernel!r}: the compliance of some waves is not positive")
+    if problem.material.own_kernel is not None:
+        _check_own_kernel(problem)
     check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
     check_type("listeners", listeners, Sequence, "a sequence of app.Listener")
     for listener in listeners:
@@ -84,6 +84,18 @@ def check_disks(texts, cells=None):
     with ExitStack() as stack:
         for path, size in estimate_files(texts, cells or 0).items():
             stack.enter_context(disk_reserved(path, size if cells else None))
+
+
+def _check_own_kernel(problem):
+    """Raise InputError for a kernel of the user whose compliance of waves is no array of positive numbers."""
+    own, q = problem.material.own_kernel, 2 * np.pi / np.array(problem.grid.sides)
+    compliance = np.asarray(own.wave_compliance(q, q))
+    if compliance.shape != q.shape or compliance.dtype.kind not in "fiu":
+        raise InputError(
+            f"{own!r}: wave_compliance must return an array of real numbers, of the shape of qx and qy"
+        )
+    if not 0 < problem.kernel.smallest_eigenvalue(problem.grid) < np.inf:
+        raise InputError(f"{own!r}: the compliance of some waves is not positive")
 
 
 def _check_layer(grid, coating):

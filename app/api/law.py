@@ -19,6 +19,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from itertools import pairwise
 from math import ceil, log10, sqrt
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from app.base.types import ArrayLike, DataFrame, PathLike
 from app.base.usage import usage
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.io.frames import to_dataframe
+from app.problems.arrays import real_numbers
 
 _COLUMNS = (  # numbers of a Solution
     "load", "mean_pressure", "approach", "indentation", "mean_gap", "contact_area", "contact_fraction_corrected",
@@ -111,14 +113,21 @@ class ContactLaw:
         dict of str to ndarray
             Load, approach, indentation and stiffness from the monotone cubic: the stiffness is its derivative. Beyond
             the table they continue as power laws, and both load and stiffness are 0 before first touch. Other numbers
-            are interpolated by PCHIP, and are NaN beyond the table.
+            are interpolated by PCHIP, and are NaN beyond the table. All numbers are NaN at NaN and at negative loads.
+
+        Raises
+        ------
+        InputError
+            If not exactly one of the three is given, or its values are no numbers.
         """
         from scipy.interpolate import PchipInterpolator
 
         if len(given) != 1 or not given.keys() <= {"load", "approach", "indentation"}:
             raise InputError("law: give exactly one of load [N], approach [mm] and indentation [mm]")
         ((kind, value),) = given.items()
-        value, table = np.asarray(value, dtype=float), self.table
+        value, table = real_numbers(f"law: {kind}", value, "a number, or an array of them"), self.table
+        if kind == "load":
+            value = np.where(value < 0, np.nan, value)
         touching = table["approach"][0] - table["indentation"][0]
         value = value - touching if kind == "approach" else value
         touches = value > 0
@@ -137,7 +146,7 @@ class ContactLaw:
                 curve = PchipInterpolator(np.log(table["load"]), np.log(column) if is_positive else column)
                 values = curve(inside)
                 found[name] = np.where(is_known, np.exp(values) if is_positive else values, np.nan)
-        return found
+        return {name: np.where(np.isnan(value), np.nan, numbers) for name, numbers in found.items()}
 
     def to_dataframe(self) -> DataFrame:
         """Return `table` as a pandas.DataFrame with units in ``attrs["units"]``."""
@@ -183,10 +192,10 @@ class Laws:
         flow : bool
             Solve for the flow through the gap at each load, too; the table then has the columns of `Solution.flow`.
         friction, tangential_share : float, optional
-            Coefficient of friction mu, and tangential load over mu times normal load, from 0 to 1. With them the table
-            has three columns of `slip`.
+            Coefficient of friction mu, and tangential load over mu times normal load, above 0 and at most 1. With them
+            the table has three columns of `slip`.
         max_points : int
-            Largest number of solved loads. A RuntimeWarning is issued if it does not suffice.
+            Largest number of solved loads, at least 3. A RuntimeWarning is issued if it does not suffice.
         **loadings : pair of float
             Smallest and largest load [N], or mean_pressure [N/mm2], positive; exactly one of the two.
 
@@ -206,7 +215,9 @@ class Laws:
             self.comm, (kind, ends, tolerance, flow, friction, tangential_share, max_points), "law"
         )
         first, last = _check_range(kind, ends)
-        _check_positive(tolerance=tolerance, max_points=max_points)
+        _check_positive(tolerance=tolerance)
+        if not isinstance(max_points, Integral) or max_points < 3:
+            raise InputError(f"law: max_points {max_points}: must be a whole number from 3")
         if self.problem.background_pressure is not None:
             raise InputError("law: not with a background pressure")
         for number in (first, last):
@@ -216,10 +227,14 @@ class Laws:
             ratio = self._check_similar()
         if friction is not None or tangential_share is not None:
             _check_positive(friction=friction, tangential_share=tangential_share)
+            if tangential_share > 1:
+                raise InputError(
+                    f"law: tangential_share {tangential_share}: must be at most 1, else the bodies slide"
+                )
             load = first if kind == "load" else first * self.problem.grid.area
             ratio = self._check_slip(load, friction, [friction * tangential_share * load])
         solve = partial(self._law_row, kind, flow, ratio, friction, tangential_share)
-        starts = np.geomspace(first, last, max(3, ceil(log10(last / first)) + 1)).tolist()
+        starts = np.geomspace(first, last, min(max_points, max(3, ceil(log10(last / first)) + 1))).tolist()
         rows = {number: solve(number) for number in reversed(starts)}
         pending, error = [(*ends, np.inf) for ends in pairwise(starts)], 0.0
         while pending and len(rows) + len(pending) <= max_points:

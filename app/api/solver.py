@@ -343,16 +343,18 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
 
     @synchronized
     def update(self, problem: Problem) -> None:
-        """Replace the problem; grid and material stay the same.
+        """Replace the problem; grid, material and surface compliance stay the same.
 
-        Solutions of the old problem stay valid, and one may be the `start` of a solve. Raises InputError for another
-        grid or material, or if contact is impossible in all cells; the solver then keeps the old problem.
+        Solutions of the old problem stay valid, and one may be the `start` of a solve. Raises InputError if one of the
+        three differs, or if contact is impossible in all cells; the solver then keeps the old problem.
         """
         self._check_open()
         before, fits = self.problem, self.problem.fits(problem)
         check_equal_on_ranks(self.comm, fits, "grid or material")
         if not fits:
-            raise InputError("problem: must be a ContactProblem of the solver's grid and material")
+            raise InputError(
+                "problem: must be a ContactProblem of the solver's grid, material and surface compliance"
+            )
         self.problem = problem
         try:
             self._measure_shapes()

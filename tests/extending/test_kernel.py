@@ -157,3 +157,13 @@ def test_what_is_not_known_of_the_body_is_refused_in_one_line(fibres):
     with pytest.raises(InputError, match="^<Orthotropic, .* the compliance of some waves is not positive$"):
         solve(ContactProblem(GRID, weak, lambda x, y: x**2), load=10)
     assert problem.reference(0.01) is None and "Orthotropic" in repr(problem)
+
+
+@pytest.mark.parametrize("wrong", [1.0, np.ones(3), 1j * np.ones(2), "soft", None])
+def test_a_compliance_that_is_no_array_of_real_numbers_is_refused(wrong, fibres):
+    class Wrong(type(fibres)):
+        def wave_compliance(self, qx, qy=0.0):
+            return wrong
+
+    with pytest.raises(InputError, match="wave_compliance must return an array of real numbers"):
+        solve(ContactProblem(GRID, Material.from_kernel(Wrong([1e-6])), Sphere(10)), load=1)

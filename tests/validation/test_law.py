@@ -139,7 +139,13 @@ def test_files_have_the_table(law, tmp_path):
         (BALL, {}, "exactly one of"),
         (BALL, {"load": (5, 50), "tolerance": 0}, "tolerance 0: must be a positive number"),
         (BALL, {"load": (5, 50), "friction": 0.3}, "tangential_share None: must be"),
-        (BALL, {"load": (5, 50), "friction": 0.3, "tangential_share": 1.5}, "the bodies slide"),
+        (
+            BALL,
+            {"load": (5, 50), "friction": 0.3, "tangential_share": 1.5},
+            "tangential_share 1.5: must be at most 1",
+        ),
+        (BALL, {"load": (5, 50), "max_points": 2}, "max_points 2: must be a whole number from 3"),
+        (BALL, {"load": (5, 50), "max_points": 7.5}, "max_points 7.5: must be a whole number from 3"),
         (rough(80), {"mean_pressure": (10, 1e6)}, "full contact"),
         (rough(80, background_pressure=1), {"mean_pressure": (10, 100)}, "not with a background pressure"),
         (
@@ -152,6 +158,14 @@ def test_files_have_the_table(law, tmp_path):
 def test_what_is_not_allowed_is_refused(problem, given, message):
     with ContactSolver(problem) as solver, pytest.raises(InputError, match=message):
         solver.law(**given)
+
+
+def test_a_law_has_no_numbers_where_it_is_not_defined(law):
+    numbers = law.at(load=np.ma.array([-1.0, np.nan, 5.0, 5.0], mask=[False, False, True, False]))
+    assert all(np.isnan(column[:3]).all() for column in numbers.values()) and numbers["load"][3] == 5.0
+    for wrong in (None, "5", True, 5j):
+        with pytest.raises(InputError, match="law: load: must be a number"):
+            law.at(load=wrong)
 
 
 def test_bodies_that_are_not_similar_have_no_tangential_stiffness():

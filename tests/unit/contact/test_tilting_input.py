@@ -32,7 +32,7 @@ def test_tilting_is_separated_from_the_loading():
         ({"load": 1, "tilt": (0, 0), "moment": (0, 0)}, "at most one of them"),
         ({"approach": 1e-3, "load_centre": (0, 0)}, "load_centre: needs a prescribed load above 0"),
         ({"load": 0, "moment": (0, 0)}, "moment: needs a prescribed load above 0"),
-        ({"load": 1, "load_centre": (1.0, 0)}, "no pressure balances the load"),
+        ({"load": 1, "load_centre": (1.0, 0)}, "must be inside the convex hull"),
         ({"load": 1, "moment": (0, 0.94)}, "inside the convex hull"),
     ],
 )
