@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
-from app.base.petsc import calling_petsc, synchronized, to_input_error
+from app.base.petsc import calling_petsc, error_message, synchronized, to_input_error
 from app.flow.conserving_flux import FluxRepair
 from app.flow.network import Network
 from app.flow.percolation import find_percolating_sets
@@ -125,7 +125,12 @@ class _PressureSolver:
         ksp.setOptionsPrefix(PREFIX)
         ksp.setOperators(matrix)
         ksp.setInitialGuessNonzero(True)
-        ksp.setFromOptions()
+        try:
+            ksp.setFromOptions()
+        except PETSc.Error as error:
+            raise InputError(f"solver options: {error_message(error)}") from None
+        if not 0 <= ksp.rtol < np.inf:
+            raise InputError(f"solver options: -{PREFIX}ksp_rtol {ksp.rtol:g}: must be at least 0")
 
     def solve(self, network, sets, count):
         """Return pressure, both bounds of the flow rate, and conserving fluxes. Collective.

@@ -65,6 +65,7 @@ def test_options_of_the_flow_are_refused_before_the_solve(cli_here):
         (("-flow_ksp_rtol", 1e-3), "-flow_ksp_rtol: needs -flow"),
         (("-flow", "-flow_ksp_bogus", 1), "-flow_ksp_bogus: PETSc does not use this option"),
         (("-flow", "-flow_pc_type", "nonsense"), "nonsense"),
+        (("-flow", "-flow_ksp_rtol", "abc"), "solver options: Input string abc has no numeric value"),
     ):
         done = cli_here(*loaded, *words)
         assert done.returncode == 2 and done.stderr.startswith("error: ") and text in done.stderr

@@ -200,7 +200,13 @@ def test_options_of_petsc_are_used_or_refused():
     finally:
         for name in ("flow_ksp_rtol", "flow_ksp_view"):
             PETSc.Options().delValue(name)
-    for name, text in (("flow_ksp_bogus", "1"), ("flow_pc_type", "nonsense")):
+    wrong = {
+        "flow_ksp_bogus": "1",
+        "flow_pc_type": "nonsense",
+        "flow_ksp_rtol": "nonsense",
+        "flow_ksp_max_it": "nonsense",
+    }
+    for name, text in (*wrong.items(), ("flow_ksp_rtol", "-1"), ("flow_ksp_rtol", "nan")):
         with pytest.raises(InputError, match=f"{name}|nonsense"):
             set_options({name: text})
         assert not PETSc.Options().hasName(name)
