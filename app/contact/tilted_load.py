@@ -104,7 +104,7 @@ class TiltedLoad(PrescribedLoad):
         grid, text = distance.patch, f"load centre {', '.join(map(format_exact, centre))} mm"
         if not distance.surrounds(centre, comm):
             where = (
-                "inside the convex hull of the cells in which contact is possible, which are not on one line"
+                "inside the convex hull of the cells in which contact is possible, not all on one line"
             )
             raise InputError(f"{text}: must be {where}")
         if loading.load >= (1 - LOAD_ROUNDING) * distance.bounds.largest_load:
