@@ -27,6 +27,7 @@ from app.api.analytic_values import ANALYTIC, THEORIES
 from app.api.solution import Solution
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
+from app.base.petsc import synchronized
 from app.base.progress_bar import progress_bar
 from app.base.types import Axes, DataFrame, Figure, Length, PathLike
 from app.contact.contact_moments import ContactMoments
@@ -183,13 +184,18 @@ class LoadPath:
         for step in range(done):
             history.add(self.numbers[step])
         for step in steps:
-            if self._solver.problem is not self._problem:
-                raise InputError("path: the solver has another problem now; make a new path")
-            solution = self._solve_step(history, self.numbers[step])
+            solution = self._solve_alone(history, self.numbers[step])
             if place := {name: numbers[step] for name, numbers in self.coordinates.items()}:
                 solution = replace(solution, problem=solution.problem | place)
             self.rows[step:] = [self._row(step, solution)]
             yield solution
+
+    @synchronized
+    def _solve_alone(self, history, number):
+        """Solve for a step while no other thread solves, because a step may change the solver's problem. Collective."""
+        if self._solver.problem is not self._problem:
+            raise InputError("path: the solver has another problem now; make a new path")
+        return self._solve_step(history, number)
 
     def _solve_step(self, history, number):
         """Return a step's solution for a prescribed number. Collective."""

@@ -386,7 +386,7 @@ class Solution(_Numbers, ContactFields):
             fields |= {"plastic": self.plastic.view(np.uint8), "plastic_depth": depth}
         fields |= self.extra
         facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
-        own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
+        own = {*facts, *fields, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
         more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")
         kinds = {name: field.dtype.str for name, field in more.items()}
         check_equal_on_ranks(self.comm, kinds, f"result file {path}: names and types of fields")

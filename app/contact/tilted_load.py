@@ -103,9 +103,7 @@ class TiltedLoad(PrescribedLoad):
         """
         grid, text = distance.patch, f"load centre {', '.join(map(format_exact, centre))} mm"
         if not distance.surrounds(centre, comm):
-            where = (
-                "inside the convex hull of the cells in which contact is possible, not all on one line"
-            )
+            where = "inside the convex hull of the cells in which contact is possible, not all on one line"
             raise InputError(f"{text}: must be {where}")
         if loading.load >= (1 - LOAD_ROUNDING) * distance.bounds.largest_load:
             raise InputError(f"{text}: the load must be less than that of all cells at their hardness")

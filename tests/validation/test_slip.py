@@ -186,6 +186,9 @@ def test_a_file_has_the_normal_solution_and_the_slip(tangential_load, tmp_path):
     with ContactSolver(ball(0.3, 32)) as solver:
         found = solver.slip(load=LOAD, friction=FRICTION, tangential_load=tangential_load)
     found.save(tmp_path / "slip.h5", specimen="A")
+    for taken in ({"traction": found.traction}, {"slip": 1}, {"friction": 1}):
+        with pytest.raises(InputError, match="exists already; choose another name"):
+            found.save(tmp_path / "slip.h5", **taken)
     read = read_result(tmp_path / "slip.h5")
     assert np.array_equal(read.pressure, found.normal.pressure) and read.specimen == "A"
     assert np.array_equal(read.traction, found.traction) and np.array_equal(read.slip, found.slip)

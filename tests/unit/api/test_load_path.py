@@ -2,12 +2,13 @@
 
 import csv
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 
-from app import ContactSolver, Listener
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere
 from app.api.load_path import _slope
 from app.base.errors import InputError
 
@@ -232,3 +233,23 @@ def test_a_path_of_a_closed_solver_raises():
     assert repr(path) == "<LoadPath: 2 steps by load, 1 done>"
     with pytest.raises(InputError, match="the solver is closed"):
         next(steps)
+
+
+def test_another_thread_solves_the_problem_itself_while_a_path_changes_it():
+    """The steps of creep and of unloading change the solver's problem; no other solve sees that."""
+    grid, steel = Grid.from_domain(16, 16, (-0.5, 0.5, -0.5, 0.5)), Material.isotropic(210e3, 0.3)
+    creeping = ContactProblem(grid, steel.viscoelastic(1, 0.5), Sphere(10))
+    unloaded = ContactProblem(grid, steel, Sphere(10), hardness=800)
+    for problem in creeping, unloaded:
+        with ContactSolver(problem) as solver, ThreadPoolExecutor(1) as pool:
+            if problem is creeping:
+                path = solver.creep(range(20), load=100)
+            else:
+                path = solver.path(load=[100, *np.linspace(90, 10, 19)])
+            alone = solver.solve(load=50).approach
+            work = pool.submit(list, path)
+            others = []
+            while not work.done():
+                others.append(solver.solve(load=50).approach)
+            assert len(work.result()) == 20
+        np.testing.assert_allclose(others, alone, rtol=1e-9)
