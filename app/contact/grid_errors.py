@@ -184,7 +184,7 @@ def _area_error(values):
 
 
 def _limit(error):
-    """Return the error of a number that converges."""
+    """Return a relative error, at most `MAX_ERROR`; NaN if unknown."""
     return float(min(error, MAX_ERROR)) if error == error else float("nan")
 
 

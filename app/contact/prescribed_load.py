@@ -72,7 +72,7 @@ class PrescribedLoad(SearchedLoading):
 
     @staticmethod
     def load_per_number(grid):
-        """Return the load over the prescribed number."""
+        """Return the load [N] for the prescribed number 1."""
         return 1.0
 
     def measure(self, state):
@@ -282,7 +282,7 @@ class PrescribedMeanPressure(PrescribedLoad):
 
     @staticmethod
     def load_per_number(grid):
-        """Return the area of the patch [mm2]."""
+        """Return the load [N] for the mean pressure 1: the area of the patch."""
         return grid.area
 
 

@@ -104,7 +104,7 @@ class FluxRepair:
         self._connect_parts(network)
 
     def _connect_parts(self, network):
-        """Make the forest of the parts of all ranks, from the rows of faces between them. Collective."""
+        """Make the forest that connects the trees of all ranks, by the faces between their rows. Collective."""
         root, nx = self._local.root, network.grid.nx
         self._start = network.slabs.rows.start * nx  # of the numbers of this rank's parts
         parts = np.where(root == root[0], 0, root + self._start)[1:].reshape(-1, nx)

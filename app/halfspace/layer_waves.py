@@ -90,7 +90,10 @@ def _combine(down, up):
 
 
 def _from_surface(s, second, third):
-    """Return the stress function a and three derivatives, from surface values."""
+    """Return the stress function a and three derivatives at depths s, from values at the surface.
+
+    There a is 1 and its first derivative is 0; `second` and `third` are its next two derivatives.
+    """
     sinh, cosh = np.sinh(s), np.cosh(s)
     f3, f2 = (s * cosh - sinh) / 2, s * sinh / 2  # f2 has the second derivative 1 at s = 0, f3 the third
     f1, f0, rise = (sinh + s * cosh) / 2, cosh + s * sinh / 2, (3 * sinh + s * cosh) / 2

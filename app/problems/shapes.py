@@ -54,7 +54,7 @@ class Shape:
         return kind.from_load(*parameters, contact_modulus, load)
 
     def describe(self) -> dict[str, Any]:
-        """Return finite sizes by option names, for result files."""
+        """Return the sizes by option names, without infinite ones, for result files."""
         sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
         return {name: size for name, size in sizes.items() if math.isfinite(size)}
 

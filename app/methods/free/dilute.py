@@ -53,7 +53,7 @@ class ListsFail(Exception):
 class ListSolution(NamedTuple):
     """Solution on a list of cells, on all ranks."""
 
-    cells: np.ndarray  # sorted numbers of the cells
+    cells: np.ndarray  # sorted indices of the cells
     p: np.ndarray  # [N/mm2]
     contact: np.ndarray  # cells in C
     depth: float  # [mm]
@@ -63,7 +63,7 @@ class ListSolution(NamedTuple):
 
     @property
     def loaded(self):
-        """Numbers of the contact cells, and their pressures [N/mm2]."""
+        """Indices of the cells in contact, and their pressures [N/mm2]."""
         return self.cells[self.contact], self.p[self.contact]
 
 

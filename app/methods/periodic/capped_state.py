@@ -228,7 +228,7 @@ class CappedPrimalState(PrimalState):
         return abs(missing) <= prescribed_load.LOAD_ROUNDING * wanted
 
     def spread_load(self):
-        """Set an even pressure in all admissible cells."""
+        """Set a uniform pressure in all admissible cells."""
         self.plastic[...] = False
         np.copyto(self.contact, self.admissible)
         super().spread_load()
