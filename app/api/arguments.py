@@ -87,7 +87,7 @@ def check_disks(texts, cells=None):
 
 
 def _check_own_kernel(problem):
-    """Raise InputError for a kernel of the user whose compliance of waves is no array of positive numbers."""
+    """Raise InputError unless a user's kernel has positive compliances."""
     own, q = problem.material.own_kernel, 2 * np.pi / np.array(problem.grid.sides)
     compliance = np.asarray(own.wave_compliance(q, q))
     if compliance.shape != q.shape or compliance.dtype.kind not in "fiu":

@@ -192,7 +192,10 @@ class LoadPath:
 
     @synchronized
     def _solve_alone(self, history, number):
-        """Solve for a step while no other thread solves, because a step may change the solver's problem. Collective."""
+        """Solve for a step while no other thread solves. Collective.
+
+        A step may change the solver's problem.
+        """
         if self._solver.problem is not self._problem:
             raise InputError("path: the solver has another problem now; make a new path")
         return self._solve_step(history, number)
