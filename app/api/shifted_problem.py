@@ -24,6 +24,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.contact.measures import measure_roughness
+from app.contact.tilting_input import split_tilting
 from app.parallel.reductions import minimum_over, sum_over
 
 _PER_LOAD = [kind for kind, loading in LOADINGS.items() if "load" in loading.exact]
@@ -145,7 +146,7 @@ class BackgroundPressure(ShiftedProblem):
         """
         kinds = [kind for kind in _PER_LOAD if values.get(kind) is not None]
         if len(kinds) != 1:
-            check_kind(single_loading(values)[0], "a background pressure")
+            check_kind(single_loading(split_tilting(values)[1])[0], "a background pressure")
             return values
         kind, to_load = kinds[0], LOADINGS[kinds[0]].load_per_number(self.grid)
         number, least = validate_number(kind, values[kind]), self.load / to_load

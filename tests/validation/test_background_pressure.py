@@ -151,6 +151,19 @@ def test_approaches_count_the_uniform_displacement_of_the_background(material):
             assert (found.pressure.max() > 0.2) == (approach > touching)
 
 
+@pytest.mark.parametrize("periodic", [None, "y"])
+def test_a_tilt_may_be_prescribed_with_the_load_or_the_approach(periodic):
+    problem, alone, field = random_problem(5, periodic, hardness=4000.0)
+    tilt = (0.002, 0.0 if periodic else -0.001)
+    by_load = solved(problem, load=1.5 * field.sum() * problem.grid.cell_area, tilt=tilt)
+    by_approach = solved(problem, approach=by_load.approach, tilt=tilt)
+    assert by_load.converged and by_approach.converged and by_load.contact.any()
+    contact = solved(alone, approach=by_load.approach, tilt=tilt)
+    for found in by_load, by_approach:
+        np.testing.assert_allclose(found.pressure, contact.pressure + field, atol=1e-4 * found.max_pressure)
+        assert (found.tilt_x, found.tilt_y) == tilt
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     grid = Grid.from_domain(64, 48, (-1, 1, -0.5, 1.0))
