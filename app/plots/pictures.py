@@ -106,17 +106,22 @@ PANELS = {
 }
 
 
+def _other_fields(result):
+    """Return the fields without a panel of their own, by name."""
+    return {"undeformed_distance": result.undeformed_distance} | result.extra
+
+
 def _draw_map(name, axes, result, _, **how):
-    field, unit = result.extra[name], (UNITS | result.units).get(name, "1")
+    field, unit = _other_fields(result)[name], (UNITS | result.units).get(name, "1")
     canvas = Canvas(result, zoom=not np.nan_to_num(field[~result.contact]).any(), **how)
     canvas.draw_other(axes, field, name.replace("_", " "), unit)
 
 
 def panels_of(result):
     """Return `PANELS`, and maps of the other fields of a result."""
-    fields = {name: np.asarray(field) for name, field in result.extra.items()}
+    fields = {name: np.asarray(field) for name, field in _other_fields(result).items()}
     shown = [name for name, field in fields.items() if field.shape == result.pressure.shape]
-    return {name: partial(_draw_map, name) for name in shown if fields[name].dtype.kind in "biuf"} | PANELS
+    return PANELS | {name: partial(_draw_map, name) for name in shown if fields[name].dtype.kind in "biuf"}
 
 
 def drawings_of(result):

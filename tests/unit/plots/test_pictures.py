@@ -25,6 +25,17 @@ def test_reference_is_the_hertz_contact_of_the_paper(result):
         assert analytic_reference(with_attributes(result, without=[missing])) is None
 
 
+def test_the_undeformed_distance_is_drawn_in_its_unit(result):
+    [(name, figure)] = pictures_of(result, ["undeformed_distance"])
+    [image] = figure.axes[0].images
+    shown = image.get_array()
+    assert name == "undeformed_distance" and "undeformed distance" in figure.axes[0].get_title()
+    in_cells = result.undeformed_distance[~np.isnan(result.undeformed_distance)]
+    assert np.ptp(shown) == pytest.approx(
+        np.ptp(in_cells) * (1000 if "µm" in figure.axes[0].get_title() else 1)
+    )
+
+
 def test_unusual_results_are_drawn(result, tmp_path):
     none = replace(
         result,
