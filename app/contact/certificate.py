@@ -68,8 +68,9 @@ the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most.
 coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with ``||row of
 A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. A product between lists of cells
 has a larger error, of known bound: ``||d|| / sqrt(smallest)`` is added, and ``||p|| ||d||`` is subtracted from p.u, by
-which the bound is divided. The second way alone is used there, because it needs no other product with u. Its sums are
-over the listed cells: no other cell penetrates (`app.contact.exclusion`), and w = 0 there.
+which the bound is divided. The first way is not used there, because it needs another product with u. All sums are over
+the listed cells: in no other cell do the bodies penetrate (`app.contact.exclusion`), so p = w = 0 there, and the cell
+adds nothing, also with a hardness.
 
 On a periodic patch of n cells, let m be one unit in the last place of the depth, plus the mean gap that full contact
 neglects. Spread over the k cells without pressure, m changes the pressure by about ``n m sqrt(B_II / k)``. If cells are
@@ -202,8 +203,8 @@ def _prove(state, enough, work):
         shifted += error_of_u / math.sqrt(smallest)
         energy -= error_of_u * math.sqrt(p_squares)
     error = _largest_error(gap, squares) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
-    if upper is not None and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
-        gap = error = 0.0
+    if upper is not None and not error_of_u and _is_plastic_everywhere(state):
+        gap = error = 0.0  # p is exact, even if its energy is only rounding
     without_energy = 0.0 if gap == 0 else np.inf
     return Certificate(
         duality_gap=gap * state.grid.cell_area,

@@ -1,14 +1,14 @@
 """Cells that cannot penetrate, by a lower bound of the displacement.
 
-Let p >= 0, and let a point force displace the surface less the farther away it is. Then in each cell of a block I
+Let p >= 0. Then in each cell of a block I
 
-    u >= sum over the blocks J of P_J K(d_IJ),
+    u >= sum over the blocks J of P_J K_IJ,
 
-where P_J is the force in block J, K(d) the displacement by a unit force at the distance d, and d_IJ the largest
-distance between a point of I and one of J. The distances depend on the offset of the blocks only. So this bound costs a
-product on the grid of blocks. Where h plus the bound is positive, the bodies cannot penetrate: this is proved, and
-nothing else needs to be computed there. The test is made for whole blocks first, with the least h in each block. These
-minima are made once: an approach only shifts h.
+where P_J is the force in block J, and K_IJ a lower bound of the displacement by a unit force at all distances between a
+point of I and one of J (`Kernel.least_influence`). It may be negative if a body has a layer. The distances depend on
+the offset of the blocks only. So this bound costs a product on the grid of blocks. Where h plus the bound is positive,
+the bodies cannot penetrate: this is proved, and nothing else needs to be computed there. The test is made for whole
+blocks first, with the least h of admissible cells in each block. These minima are made once: an approach only shifts h.
 """
 
 import numpy as np
@@ -20,20 +20,22 @@ from app.halfspace.fft.lengths import fast_length
 from app.parallel.reductions import minimum_over, njit_reassoc
 
 BLOCK = 16  # cells of a block in each direction
-_ROUNDING = 1e-12  # rounding error of the bound, over its maximum
+_ROUNDING = 1e-12  # rounding error of the bound, over the norms of the two factors of the product
 
 
 class BlockBounds:
-    """Lower bounds of the displacement on blocks of a half-space's grid. Collective.
+    """Lower bounds of the displacement on blocks of a grid. Collective.
 
     Parameters
     ----------
     grid : Grid
         Grid of a free patch.
-    kernel : HalfSpaceKernel
-        Kernel whose point forces displace the less, the farther away they are.
+    kernel : Kernel
+        Kernel with the method `least_influence`.
     b : ndarray, shape (local rows, nx), [mm]
         -h at depth 0, as in `app.contact.distance.UndeformedDistance`.
+    admissible : ndarray of bool, shape (local rows, nx)
+        Cells that may be in contact. All others are left out.
     first : int
         Number of the first local row.
     comm : mpi4py communicator, optional
@@ -45,17 +47,20 @@ class BlockBounds:
         Points of the transform of a product between blocks.
     """
 
-    def __init__(self, grid, kernel, b, first=0, comm=None):
-        self._grid, self._b, self._first = grid, b, first
+    def __init__(self, grid, kernel, b, admissible, first=0, comm=None):
+        self._grid, self._fields, self._first = grid, (b, admissible), first
         self._shape = ny, nx = tuple(-(-n // BLOCK) for n in grid.shape)
         highest = np.full(self._shape, -np.inf)
-        _block_maxima(b, first, highest, np.empty(grid.nx))
+        _block_maxima(b, admissible, first, highest, np.empty(grid.nx))
         self._highest = -minimum_over(comm, -highest)
         self._lengths = tuple(fast_length(2 * n) for n in self._shape)
         self.points = np.prod(self._lengths)
-        y, x = (np.minimum(np.arange(n), n - np.arange(n)) + 1 for n in self._lengths)
-        distances = np.hypot(BLOCK * grid.dy * y[:, None], BLOCK * grid.dx * x)
-        self._spectrum = fft.rfft2(kernel.compliance * grid.cell_area / distances)
+        offsets = [np.arange(n // 2 + 1) for n in self._lengths]
+        y, x = BLOCK * grid.dy * offsets[0][:, None], BLOCK * grid.dx * offsets[1]
+        nearest = np.hypot(np.maximum(y - y[1], 0.0), np.maximum(x - x[1], 0.0))
+        least = grid.cell_area * kernel.least_influence(nearest, np.hypot(y + y[1], x + x[1]))
+        least = least[np.ix_(*(np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths))]
+        self._spectrum, self._norm = fft.rfft2(least), np.linalg.norm(least)
 
     def displacement(self, cells, p):
         """Return a lower bound of the displacement in each block [mm].
@@ -67,45 +72,45 @@ class BlockBounds:
         blocks = rows // BLOCK * nx + columns // BLOCK
         pressures = np.bincount(blocks, p, ny * nx).reshape(ny, nx)
         u = fft.irfft2(fft.rfft2(pressures, self._lengths) * self._spectrum, self._lengths)[:ny, :nx]
-        return np.maximum(u - _ROUNDING * u.max(), 0.0)
+        return u - _ROUNDING * self._norm * np.linalg.norm(pressures)
 
     def undecided(self, cells, p, depth):
-        """Return the numbers of all local cells that may penetrate, sorted.
+        """Return the numbers of all local admissible cells that may penetrate, sorted.
 
-        Every other local cell has a gap h + A p >= 0 for the pressures `p` in `cells`, at a `depth` [mm].
+        Every other one has a gap h + A p >= 0 for the pressures `p` in `cells`, at a `depth` [mm].
         """
         u = self.displacement(cells, p)
         blocks = np.argwhere(u < self._highest + depth)
         found = np.empty(len(blocks) * BLOCK**2, np.int64)
-        return np.sort(found[: _collect(self._b, self._first, depth, u, blocks, found)])
+        return np.sort(found[: _collect(*self._fields, self._first, depth, u, blocks, found)])
 
 
 @njit_reassoc
-def _raise_row(row, out):
+def _raise_row(row, admissible, out):
     for i in range(row.size):
-        out[i] = max(out[i], row[i])
+        out[i] = max(out[i], row[i] if admissible[i] else -np.inf)
 
 
 @njit()
-def _block_maxima(b, first, out, row):
-    """Raise `out` to the maximum of each block; `row` is a work array of shape (nx,)."""
+def _block_maxima(b, admissible, first, out, row):
+    """Raise `out` to the maximum of each block's admissible cells; `row` is a work array of shape (nx,)."""
     for j in range(first // BLOCK, out.shape[0]):
         row[:] = -np.inf
         for k in range(max(j * BLOCK - first, 0), min((j + 1) * BLOCK - first, b.shape[0])):
-            _raise_row(b[k], row)
+            _raise_row(b[k], admissible[k], row)
         for i in range(row.size):
             out[j, i // BLOCK] = max(out[j, i // BLOCK], row[i])
 
 
 @njit()
-def _collect(b, first, depth, u, blocks, found):
-    """Store the cells of `blocks` with h + u < 0, where u is the bound; return their number."""
+def _collect(b, admissible, first, depth, u, blocks, found):
+    """Store the admissible cells of `blocks` with h + u < 0, where u is the bound; return their number."""
     count, (ny, nx) = 0, b.shape
     for k in range(blocks.shape[0]):
         j, i = blocks[k]
         for y in range(max(j * BLOCK - first, 0), min((j + 1) * BLOCK - first, ny)):
             for x in range(i * BLOCK, min((i + 1) * BLOCK, nx)):
-                if gap(u[j, i], b[y, x], depth) < 0:
+                if admissible[y, x] and gap(u[j, i], b[y, x], depth) < 0:
                     found[count] = (first + y) * nx + x
                     count += 1
     return count

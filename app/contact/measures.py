@@ -120,7 +120,7 @@ def _plastic_sums(state):
     """Return number and total depth of plastic cells [mm]."""
     if (plastic := state.bounds.plastic(state.p)) is None:
         return 0, 0.0
-    return np.count_nonzero(plastic), float(np.maximum(-state.gap(), 0.0).sum(where=plastic))
+    return np.count_nonzero(plastic), state.total_overlap(plastic)
 
 
 def contact_width(state, contact, enough):

@@ -13,8 +13,6 @@ cells are elastic, and if all cells are plastic.
 
 import numpy as np
 
-from app.halfspace.window import bounding_boxes
-
 _STEP_RTOL = 1e-2  # relative error of the change of the load
 _MAX_TRIALS = 60
 
@@ -72,6 +70,4 @@ def punch_stiffness(state):
 
     The area of the punch is the area of the bounding box of contact.
     """
-    [box] = bounding_boxes([state.in_contact()], state.operator.slabs, state.comm)
-    area = state.grid.cell_area * (box.n if box else 1)
-    return state.operator.kernel.punch_stiffness(area)
+    return state.operator.kernel.punch_stiffness(state.grid.cell_area * state.box_of_contact())

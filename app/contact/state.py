@@ -24,6 +24,7 @@ from petsc4py import PETSc
 
 from app.contact import loops
 from app.halfspace.operator import wrap_vec
+from app.halfspace.window import bounding_boxes
 from app.parallel.reductions import minimum_over, sum_over
 
 
@@ -172,6 +173,10 @@ class Pressed:
         b, admissible = self.distance.b, self.admissible
         return loops.sum_gaps(b, self._depth, self.u, admissible, admissible)[1]
 
+    def total_overlap(self, cells):
+        """Return the sum of max(-e, 0) over some of this rank's cells [mm]; `cells` is a mask."""
+        return float(np.maximum(-self.gap(), 0.0).sum(where=cells))
+
     @property
     def values(self):
         """Local pressure as a writable array; each access marks p as changed."""
@@ -232,6 +237,11 @@ class Pressed:
     def cells_in_contact(self):
         """Return the number of cells in contact: of C, and plastic. Collective."""
         return int(self.sum([np.count_nonzero(self.in_contact())])[0])
+
+    def box_of_contact(self):
+        """Return the number of cells in the bounding box of contact, at least 1. Collective."""
+        [box] = bounding_boxes([self.in_contact()], self.operator.slabs, self.comm)
+        return box.n if box else 1
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of C, with the norm of h if `with_h`. Collective."""

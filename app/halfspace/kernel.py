@@ -135,6 +135,17 @@ class Kernel:
         """Return what layers add to the displacement 1/r by a point force, for unit compliance [1/mm]."""
         raise NotImplementedError(f"{type(self).__name__}.layer_influence")
 
+    def point_influence(self, distances):
+        """Return the displacement by a unit point force [mm/N]."""
+        return self.compliance * (1 / distances + self.layer_influence(distances))
+
+    def least_influence(self, near, far):
+        """Return lower bounds of the displacement by a unit point force [mm/N].
+
+        They hold at all distances from `near` to `far`, arrays of one shape [mm].
+        """
+        raise NotImplementedError(f"{type(self).__name__}.least_influence")
+
     # -- matrix --------------------------------------------------------------------------------------------
 
     def coefficients(self, grid, rows, columns):
@@ -325,6 +336,10 @@ class HalfSpaceKernel(Kernel):
     def layer_influence(self, distances):
         """Return zeros: half-spaces have no layers."""
         return np.zeros_like(distances)
+
+    def least_influence(self, near, far):
+        """Return the displacement at the larger distance; see `Kernel.least_influence`."""
+        return self.compliance / far
 
     def scale_sampled(self, eigenvalues, grid, columns, rows):
         """Return the eigenvalues times the compliance, which all waves have."""

@@ -8,7 +8,7 @@ like r^-3. The rest is tabulated, and its integral is computed by Gauss points. 
 small are divided into panels.
 """
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -88,6 +88,36 @@ class LayerTables:
     def influence(self, r):
         """Return the layer's displacement by a point force at distances r."""
         return self._excess / np.sqrt(r * r + 4) + self.rest(r)
+
+    def least_influence(self, near, far):
+        """Return lower bounds of 1 / r + `influence` from distances `near` to distances `far`, arrays of one shape.
+
+        f = 1 / r + c / sqrt(r^2 + 4) falls with r and is positive, because c is at least -1. So its least value is at
+        the larger distance, of the whole range or of each piece of the spline of the rest.
+        """
+        both = np.stack([near.ravel(), far.ravel()], axis=1)
+        pieces = np.searchsorted(self._rest_table.x, np.arcsinh(both), side="right") - [1, 0]
+        rest, total = (
+            np.minimum.reduceat(least, pieces.ravel())[::2].reshape(far.shape)
+            for least in self._least_of_pieces
+        )
+        return np.maximum(1 / far + self._excess / np.sqrt(far * far + 4) + rest, total)
+
+    @cached_property
+    def _least_of_pieces(self):
+        """Lower bounds of `rest`, and of f + `rest`, in each piece of its spline, and beyond; then infinity.
+
+        A polynomial is at least its smallest Bernstein coefficient.
+        """
+        v, (a, b, c, d) = self._rest_table.x, self._rest_table.c
+        h, r = np.diff(v), np.sinh(v)
+        image = np.sqrt(r * r + 4)
+        scaled = np.min(
+            [d, d + c * h / 3, d + (2 * c + b * h) * h / 3, d + (c + (b + a * h) * h) * h], axis=0
+        )
+        rest = scaled / np.where(scaled < 0, image[:-1], image[1:]) ** 3
+        beyond = [min(self._tail / self._radius**3, 0.0), np.inf]
+        return [*rest, *beyond], [*(1 / r[1:] + self._excess / image[1:] + rest), *beyond]
 
     def beyond_base(self, r):
         """Return the displacement by a point force minus that of the base, at distances r above 0.

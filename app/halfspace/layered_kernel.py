@@ -114,6 +114,17 @@ class LayeredKernel(Kernel):
             total = total + layer.plane_compliance / layer.thickness * own
         return total / self.compliance
 
+    def least_influence(self, near, far):
+        """Return lower bounds of the displacement by a point force; see `Kernel.least_influence`."""
+        total = self.other / far
+        for layer in self.layers:
+            own = layer_tables(layer).least_influence(near / layer.thickness, far / layer.thickness)
+            if layer.on_rigid_base:
+                reach = MAX_REACH * layer.thickness
+                own = np.where(near > reach, 0.0, np.where(far > reach, np.minimum(own, 0.0), own))
+            total = total + layer.plane_compliance / layer.thickness * own
+        return total
+
     def scale_sampled(self, eigenvalues, grid, columns, rows):
         """Return the eigenvalues of a layered body; see `Kernel.scale_sampled`."""
         highest = 2 * np.pi * _MAX_ALIASES / max(grid.dx, grid.dy)

@@ -73,6 +73,9 @@ _FADE, _FADE_NODES = 4.3, 10  # erfc(4.3) is 1e-9; nodes in which a Gaussian fad
 _GAUSSIANS = 48
 _FIT_POINTS, _FIT_FACTOR = 600, 1.16  # 1 / cos(pi / 6), rounded up
 _FIT_CUTOFF = 1e-8  # smallest singular value relative to the largest, so that weights are not large
+_LAYER_SPLIT = 2.5  # largest t of a Gaussian times the thickness, for the displacement by layers alone
+_NEAR_LAYER = 0.02  # least distance over the thickness there
+_LEAST_INVERSE = 1e-3  # least eigenvalue of a preconditioner, over the largest one
 _CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least ten times as wide as a cell.
 _SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
 _MOST_NODES = 150  # in each direction, if nothing is known about the lists
@@ -119,7 +122,7 @@ class ListProduct:
             self.error_bound = 0.0
             return
         nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
-        t, weights, misfit = fit_gaussians(kernel, split.a, nearest, np.hypot(*grid.sides))
+        t, weights, misfit = fit_gaussians(kernel.point_influence, split.a, nearest, np.hypot(*grid.sides))
         numbers = zip(grid.shape, split.sizes, split.steps, split.periods, strict=True)
         self._axes = in_y, in_x = [_Axis(*each, t) for each in numbers]
         self._nodes = np.empty((in_y.nodes, in_x.nodes))
@@ -179,7 +182,8 @@ class ListProduct:
         """Return the sums with an inverse of A, cut off at `radius` cells.
 
         The inverse is that of a periodic patch of 8 times the radius, and zero on constants. Its off-diagonal
-        coefficients are negative (nearly all, if cells are long), so the cut makes it positive definite.
+        coefficients are negative (nearly all, if cells are long), so the cut makes it positive definite. If it does
+        not, as for stiff layers as thin as a cell, the diagonal coefficient is raised.
         """
         period, offsets = 8 * radius, np.arange(4 * radius + 1)
         waves = self.kernel.coefficients(self.grid, offsets, len(offsets))
@@ -189,9 +193,12 @@ class ListProduct:
         inverse[0, 0] = 0.0
         for _ in range(2):
             inverse = transform_even(inverse, period).T.copy() / period
-        inverse = inverse[: radius + 1, : radius + 1]
-        inverse[np.hypot(*np.ogrid[: radius + 1, : radius + 1]) > radius] = 0.0
-        return LocalSum(inverse)
+        inverse[np.hypot(*np.ogrid[: len(offsets), : len(offsets)]) > radius] = 0.0
+        waves = inverse.copy()  # transforms overwrite
+        for _ in range(2):
+            waves = transform_even(waves, period).T.copy()
+        inverse[0, 0] += max(_LEAST_INVERSE * waves.max() - waves.min(), 0.0)
+        return LocalSum(inverse[: radius + 1, : radius + 1])
 
 
 def _choose_split(grid, cells):
@@ -279,17 +286,19 @@ class _Axis:
         self.errors += 4 * np.abs(waves[:, half:]).sum(axis=1) + erfc(_FADE) * size
 
 
-def fit_gaussians(kernel, a, nearest, longest):
+def fit_gaussians(point_force, a, nearest, longest, relative=False):
     """Fit a sum of Gaussians to the displacement by a point force.
 
     Parameters
     ----------
-    kernel : HalfSpaceKernel
-        The kernel.
+    point_force : callable
+        Function that returns the displacement at distances [mm/N].
     a : float
         Largest inverse width of a Gaussian [1/mm].
     nearest, longest : float
         Distances between which the sum must be right [mm].
+    relative : bool
+        True to fit the displacement times the distance.
 
     Returns
     -------
@@ -306,11 +315,43 @@ def fit_gaussians(kernel, a, nearest, longest):
     t, weights = a * (growth - 1) / np.expm1(stretch), weights * growth
     points = np.cos(np.pi * (np.arange(_FIT_POINTS) + 0.5) / _FIT_POINTS)
     r = nearest * max(longest / nearest, 2.0) ** ((1 + points) / 2)
-    point_force = kernel.compliance * (1 / r + kernel.layer_influence(r))
-    terms = weights * np.exp(-(np.outer(r, t) ** 2))
-    factors = np.linalg.lstsq(terms, point_force, rcond=_FIT_CUTOFF)[0]
-    error = np.abs(terms @ factors - point_force).max()
+    values, terms = point_force(r), weights * np.exp(-(np.outer(r, t) ** 2))
+    scale = r if relative else np.ones(r.size)
+    factors = np.linalg.lstsq(scale[:, None] * terms, scale * values, rcond=_FIT_CUTOFF)[0]
+    error = np.abs(terms @ factors - values).max()
     return t, weights * factors, _FIT_FACTOR * float(error)
+
+
+def uniform_displacement(kernel, cells):
+    """Return the displacement of listed cells by pressure 1 on all cells of a free patch [mm / (N/mm2)].
+
+    The part of half-spaces is a closed form. The part of layers is fitted by Gaussians that are no narrower than half
+    the thickness (relative error of the sum up to 1e-5, if the layer is nearly incompressible on a rigid base).
+    """
+    grid = cells.grid
+    y, x = (cells.iy + 0.5) * grid.dy, (cells.ix + 0.5) * grid.dx
+    sides = [(b, a) for b in (y, grid.sides[1] - y) for a in (x, grid.sides[0] - x)]
+    # Each of the four rectangles between a cell and the corners of the patch has the cell at a corner.
+    total = sum(a * np.arcsinh(b / a) + b * np.arcsinh(a / b) for b, a in sides)
+    if kernel.layers:
+        thinnest, longest = min(layer.thickness for layer in kernel.layers), np.hypot(*grid.sides)
+        nearest = _NEAR_LAYER * min(thinnest, longest)
+        narrowest = _LAYER_SPLIT / thinnest
+        t, weights, _ = fit_gaussians(kernel.layer_influence, narrowest, nearest, longest, relative=True)
+        in_y, rows = _side_integrals(t, y, grid.sides[1])
+        in_x, columns = _side_integrals(t, x, grid.sides[0])
+        for each_y, each_x in zip(weights[:, None] * in_y, in_x, strict=True):
+            total += each_y[rows] * each_x[columns]
+    return kernel.compliance * total
+
+
+def _side_integrals(t, x, side):
+    """Return integrals of ``exp(-t^2 s^2)`` from the ends of a side, shape (Gaussians, places).
+
+    Return also the place of each x, a distance from one end.
+    """
+    x, places = np.unique(x, return_inverse=True)
+    return (erf(np.outer(t, x)) + erf(np.outer(t, side - x))) * (np.sqrt(np.pi) / 2 / t)[:, None], places
 
 
 def _cell_integrals(x, size, t):

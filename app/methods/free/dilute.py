@@ -1,8 +1,9 @@
 """Dilute contact: fine grids are solved on lists of cells.
 
 If few cells are in contact, the work can follow these cells instead of the grid. Coarse grids are solved as always. On
-each finer grid the unknowns are a list: the children of contact cells and of their neighbours, and all other cells that
-penetrate. The steps of `app.methods.free.iteration` work on the list as on a grid of one row, with these parts:
+each finer grid the unknowns are a list: the children of cells in contact and of their neighbours, and all other cells
+that penetrate, without inadmissible ones. The steps of `app.methods.free.iteration` work on the list as on a grid of
+one row, with these parts:
 
 - *Product.* `app.halfspace.list_product` computes u in the listed cells, with a proved bound of its error, which the
   certificate includes.
@@ -31,6 +32,8 @@ from app.contact.history import Outcome
 from app.contact.state import ContactState
 from app.halfspace.cell_list import CellList
 from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.layered_kernel import LayeredKernel
+from app.halfspace.list_product import uniform_displacement
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.list_solver import CountedProduct, ListOperator, ListSolver, ListState
 from app.methods.progress import NeedsSafeguard
@@ -55,6 +58,7 @@ class ListSolution(NamedTuple):
 
     cells: np.ndarray  # sorted indices of the cells
     p: np.ndarray  # [N/mm2]
+    u: np.ndarray  # [mm]
     contact: np.ndarray  # cells in C
     depth: float  # [mm]
     numbers: GridNumbers
@@ -64,19 +68,22 @@ class ListSolution(NamedTuple):
     @property
     def loaded(self):
         """Indices of the cells in contact, and their pressures [N/mm2]."""
-        return self.cells[self.contact], self.p[self.contact]
+        in_contact = self.contact | (self.p > 0)  # plastic cells are not in C
+        return self.cells[in_contact], self.p[in_contact]
 
 
 class ExpandedState(ContactState):
     """Contact state on all cells of a grid, from a ListSolution.
 
-    On one rank the displacement `u` is computed when it is first used. Collective.
+    On one rank the displacement `u` is computed when it is first used. Collective. `product` is the CountedProduct of
+    the grid.
     """
 
-    def __init__(self, level, distance, solution):
+    def __init__(self, level, distance, solution, product):
         super().__init__(level, distance)
         own = _own_cells(solution.cells, level)
         self._cells = solution.cells[own] - level.slabs.rows.start * level.grid.nx
+        self._listed_u, self._product = solution.u[own], product
         self.values.reshape(-1)[self._cells] = solution.p[own]
         self.contact.reshape(-1)[self._cells] = solution.contact[own]
         self.depth = solution.depth
@@ -96,20 +103,29 @@ class ExpandedState(ContactState):
         return super().deformation() if self.comm else synchronized(lambda: self.u)
 
     def total_gap(self):
-        """Return the sum of the gap over all cells [mm], on one rank without their displacement.
+        """Return the sum of the gap over all admissible cells [mm], on one rank without their displacement.
 
-        By symmetry, the sum of A p is that of p times the displacement by unit pressure on all cells.
+        By symmetry, the sum of A p is that of p times the displacement by unit pressure on these cells. The part of
+        holes is a product between lists, if that is cheaper than one on all cells.
         """
         if self.comm:
             return super().total_gap()
-        grid, statistics = self.grid, self.distance.statistics
-        rows, columns = np.divmod(self._cells, grid.nx)
-        y, x = (rows + 0.5) * grid.dy, (columns + 0.5) * grid.dx
-        sides = [(b, a) for b in (y, grid.sides[1] - y) for a in (x, grid.sides[0] - x)]
-        # Each of the four rectangles between a cell and the corners of the patch has the cell at a corner.
-        uniform = sum(a * np.arcsinh(b / a) + b * np.arcsinh(a / b) for b, a in sides)
-        total = self.operator.kernel.compliance * uniform @ self.p.reshape(-1)[self._cells]
+        statistics, loaded = self.distance.statistics, CellList(self.grid, np.flatnonzero(self.p))
+        uniform = uniform_displacement(self.operator.kernel, loaded)
+        if statistics.cells < self.grid.n:
+            holes = CellList(self.grid, ~self.admissible)
+            if self._product.cost(holes, loaded) > 1:
+                return super().total_gap()
+            uniform -= self._product.apply(holes, np.ones(len(holes)), loaded)
+        total = uniform @ self.p.reshape(-1)[loaded.cells]
         return statistics.cells * (statistics.mean - self.depth) + total
+
+    def total_overlap(self, cells):
+        """Return the sum of max(-e, 0) over some cells in contact, on one rank without the displacement of all."""
+        if self.comm:
+            return super().total_overlap(cells)
+        gap = self._listed_u - (self.distance.b.reshape(-1)[self._cells] + self.depth)
+        return float(np.maximum(-gap, 0.0).sum(where=cells.reshape(-1)[self._cells]))
 
 
 class DiluteContact:
@@ -126,8 +142,9 @@ class DiluteContact:
 
     @staticmethod
     def suits(grid, kernel):
-        """Return whether lists are possible on a grid: for a half-space."""
-        return type(kernel) is HalfSpaceKernel and not grid.periodic and grid.n >= MIN_CELLS
+        """Return whether lists are possible on a grid: for half-spaces and layered bodies."""
+        known = type(kernel) in (HalfSpaceKernel, LayeredKernel)
+        return known and not grid.periodic and grid.n >= MIN_CELLS
 
     def use_distances(self, distances):
         """Set the undeformed distances of all levels."""
@@ -137,13 +154,11 @@ class DiluteContact:
     def suit(self, number, loading):
         """Return whether lists are possible from level `number` on.
 
-        They are for a prescribed approach or load, without a tilt, a hardness and holes.
+        They are for a prescribed approach or load, without a tilt.
         """
         if loading.is_tilted or not (loading.approach_is_known or loading.load):
             return False
-        finer = self._distances[number:]
-        whole = all(distance.statistics.cells == distance.patch.n for distance in finer)
-        return whole and finer[0].patch.n >= MIN_CELLS and not finer[0].bounds.capped
+        return self._distances[number].patch.n >= MIN_CELLS
 
     def solve(self, first, coarse, depth, loading, stop, history, grids):
         """Solve level `first` and all finer ones.
@@ -151,7 +166,7 @@ class DiluteContact:
         Parameters
         ----------
         coarse : ndarray, ndarray
-            This rank's contact cells of the next coarser grid, and their pressures [N/mm2].
+            This rank's cells in contact of the next coarser grid, and their pressures [N/mm2].
         depth : float
             Depth found there [mm].
         loading, stop, history, grids
@@ -178,7 +193,7 @@ class DiluteContact:
             loading.record(depth)
             numbers.append(found.numbers)
         target = self._hierarchy.target
-        state = ExpandedState(target, self._distances[-1], found)
+        state = ExpandedState(target, self._distances[-1], found, self._products[last])
         grids.grid_numbers += numbers[:-1]
         grids.record(found.outcome, depth)
         fine, before = _restrict(*coarse, before, target.grid)
@@ -206,21 +221,19 @@ class DiluteContact:
 
     def _solve_level(self, number, coarse, depth, loading, stop, history):
         """Return the `ListSolution` of a level; ListsFail if there is none."""
-        level, b, comm = self._hierarchy.levels[number], self._distances[number].b, self._comm
-        cells, p = _refine(*coarse, level.grid)
+        level, distance, comm = self._hierarchy.levels[number], self._distances[number], self._comm
+        cells, p = self._leave_holes_out(number, *_refine(*coarse, level.grid))
         new, iterations = self._penetrating(number, cells, p, depth), 0
         for _ in range(MAX_ROUNDS if stop.final else 1):
             if not cells.size + new.size:  # no contact: the cell of first touch
-                new = (
-                    self._join(np.flatnonzero(b == -self._distances[number].touching))
-                    + level.slabs.rows.start
-                )
+                nearest = distance.admissible & (distance.b == -distance.touching)
+                new = self._join(np.flatnonzero(nearest) + level.slabs.rows.start * level.grid.nx)
             may_touch = CellList(level.grid, np.union1d(cells[p != 0], new))
             if self._products[number].cost(may_touch, may_touch) > MAX_GROWN_COST:
                 raise ListsFail
-            cells, p = _insert(cells, p, _widen(new, level.grid))
-            own = cells[_own_cells(cells, level)] - level.slabs.rows.start * level.grid.nx
-            listed, found = self._join(b.reshape(-1)[own]), None
+            cells, p = self._leave_holes_out(number, *_insert(cells, p, _widen(new, level.grid)))
+            listed = [self._gather(level, field, cells) for field in (distance.b, distance.bounds.upper)]
+            found = None
             with propagate_errors(comm if comm.size > 1 else None):
                 if comm.rank == 0:
                     found = self._solve_list(
@@ -234,13 +247,29 @@ class DiluteContact:
                 return found._replace(outcome=found.outcome._replace(iterations=iterations))
         raise ListsFail
 
-    def _solve_list(self, number, cells, b, start, copied, loading, stop, history):
+    def _leave_holes_out(self, number, cells, p):
+        """Return a list of cells without inadmissible ones, and its pressures."""
+        distance = self._distances[number]
+        if distance.statistics.cells == distance.patch.n:
+            return cells, p
+        admissible = self._gather(self._hierarchy.levels[number], distance.admissible, cells)
+        return cells[admissible], p[admissible]
+
+    def _gather(self, level, field, cells):
+        """Return the values of a field, (local rows, nx), in cells of all ranks; None without a field."""
+        if field is None:
+            return None
+        own = cells[_own_cells(cells, level)] - level.slabs.rows.start * level.grid.nx
+        return self._join(field.reshape(-1)[own])
+
+    def _solve_list(self, number, cells, listed, start, copied, loading, stop, history):
         """Solve on a list, from pressure and depth at the `start`; None if this fails.
 
-        `b` is -h at depth 0 [mm]. If `copied`, the pressures are copies from a coarser grid.
+        `listed` has -h at depth 0 [mm], and the hardness [N/mm2] or None. If `copied`, the pressures are copies from a
+        coarser grid.
         """
         level, product = self._hierarchy.levels[number], self._products[number]
-        state = ListState(ListOperator(level, product, cells), self._distances[number], b, *start)
+        state = ListState(ListOperator(level, product, cells), self._distances[number], *listed, *start)
         solver = ListSolver(self._hierarchy, number, state.operator)
         try:
             if copied:
@@ -250,9 +279,8 @@ class DiluteContact:
                 return None
             certificate = estimate(state, stop.settings.error_bound) if stop.final else None
             numbers = compute_grid_numbers(state, None)
-            return ListSolution(
-                cells, state.p[0], state.contact[0], state.depth, numbers, certificate, outcome
-            )
+            fields = state.p[0], state.u[0], state.contact[0]
+            return ListSolution(cells, *fields, state.depth, numbers, certificate, outcome)
         except NeedsSafeguard:
             return None
         finally:
@@ -261,10 +289,11 @@ class DiluteContact:
 
     def _penetrating(self, number, cells, p, depth):
         """Return the cells outside a list that penetrate, or may do so by the error of a product."""
-        level, b = self._hierarchy.levels[number], self._distances[number].b
+        level, distance = self._hierarchy.levels[number], self._distances[number]
         if number not in self._blocks:
+            fields, first = (distance.b, distance.admissible), level.slabs.rows.start
             self._blocks[number] = BlockBounds(
-                level.grid, level.kernel, b, level.slabs.rows.start, none_if_single(self._comm)
+                level.grid, level.kernel, *fields, first, none_if_single(self._comm)
             )
         blocks, loaded = self._blocks[number], p != 0
         sources, p = CellList(level.grid, cells[loaded]), p[loaded]
@@ -277,7 +306,7 @@ class DiluteContact:
             raise ListsFail
         u = product.apply(sources, p, targets) - product.error_bound * p.sum()
         own = others - level.slabs.rows.start * level.grid.nx
-        return self._join(others[u < b.reshape(-1)[own] + depth])
+        return self._join(others[u < distance.b.reshape(-1)[own] + depth])
 
     def _join(self, values):
         """Return the values of all ranks, one rank after the other."""

@@ -58,7 +58,8 @@ class ListedProduct:
         self._product, self._cells = product, CellList(product.grid, cells)
         self._mask = None
 
-    def _subset(self, mask):
+    def cells_of(self, mask):
+        """Return the CellList of a mask of the listed cells."""
         if self._mask is None or (mask != self._mask).any():
             self._mask, self._contact = mask.copy(), CellList(self._product.grid, self._cells.cells[mask[0]])
         return self._contact
@@ -66,7 +67,7 @@ class ListedProduct:
     def apply(self, p, out, mask=None):
         """Store A p, or C A C p with the mask C, in `out`."""
         inside = p != 0 if mask is None else mask
-        sources = self._subset(inside)
+        sources = self.cells_of(inside)
         if mask is None:
             out[0] = self._product.apply(sources, p[inside], self._cells)
             return
@@ -75,7 +76,7 @@ class ListedProduct:
 
     def apply_inverse(self, r, out, mask):
         """Store C B C r in `out`, with the inverse B of A, cut off, and the mask C."""
-        cells = self._subset(mask)
+        cells = self.cells_of(mask)
         out[...] = 0
         out[mask] = self._product.inverse.apply(cells, r[mask], cells)
 
@@ -141,13 +142,16 @@ class ListSolver(TrackingSolver):
 
 
 class _Values:
-    """Stand-in for a Scatter: it has -h of the listed cells, all of which are admissible."""
+    """Stand-in for a Scatter: it has -h and hardness of the listed cells, all of which are admissible."""
 
-    def __init__(self, b):
-        self._b = b[None].copy()
+    def __init__(self, whole, b, upper):
+        self._whole, self._b = whole, b[None].copy()
+        self._upper = None if upper is None else upper[None]
 
     def forward(self, field):
-        return np.ones(self._b.shape, bool) if field.dtype == bool else self._b
+        if field.dtype == bool:
+            return np.ones(self._b.shape, bool)
+        return self._b if field is self._whole.b else self._upper
 
 
 class ListState(WindowState):
@@ -160,28 +164,38 @@ class ListState(WindowState):
         Undeformed distance on all cells of the grid.
     b : ndarray, shape (cells,), [mm]
         -h of the listed cells at depth 0.
+    upper : ndarray, shape (cells,), [N/mm2], or None
+        Hardness of these cells.
     p : ndarray, shape (cells,), [N/mm2]
-        Initial pressure; C are the cells with pressure.
+        Initial pressure, limited to the hardness; C are the cells with pressures between their bounds.
     depth : float
         Initial depth [mm].
     """
 
-    def __init__(self, operator, whole, b, p, depth):
-        super().__init__(operator, UndeformedDistance.part_of(whole, operator, _Values(b)))
-        self.values[0], self.contact[0] = p, p != 0
+    def __init__(self, operator, whole, b, upper, p, depth):
+        super().__init__(operator, UndeformedDistance.part_of(whole, operator, _Values(whole, b, upper)))
+        self.bounds.project(p[None], self.admissible, self.values)
+        self.contact[...] = self.bounds.between(self.p)
         self.depth, self.displacement_status = depth, Displacement.STALE
 
     def lift(self):
         """Improve pressures copied from a coarser grid, which leave gaps and overlaps in contact.
 
         As in `app.methods.free.lift` the inverse of A computes the pressure that closes the gaps of contact and of
-        overlapping cells. Cells with p <= 0 then leave C.
+        overlapping cells. Cells whose pressures reach a bound then leave C.
         """
         self.compute_displacement()
-        gap, change = self.gap(), np.empty(self.p.shape)
-        self.contact[...] |= gap <= 0
+        gap, change, plastic = self.gap(), np.empty(self.p.shape), self.bounds.plastic(self.p)
+        self.contact[...] = self.bounds.contact(self.p, gap)
+        if plastic is not None:
+            plastic &= ~self.contact
         self.operator.product.apply_inverse(gap, change, self.contact)
         self.values[...] -= change
-        self.bounds.project(self.p, self.contact, self.values)
+        self.bounds.project_sets(self.values, self.contact, plastic)
         self.contact[...] &= self.bounds.between(self.p)
         self.displacement_status = Displacement.STALE
+
+    def box_of_contact(self):
+        """Return the number of the grid's cells in the bounding box of contact, at least 1."""
+        cells = self.operator.product.cells_of(self.in_contact())
+        return max(int(np.prod([np.ptp(at) + 1 for at in (cells.ix, cells.iy)])), 1) if len(cells) else 1

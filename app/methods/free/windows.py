@@ -144,8 +144,8 @@ class WindowedLevel:
         self.state = WindowState(fine, part)
 
     def loaded_cells(self):
-        """Return the numbers of this rank's contact cells in the grid, and their pressures."""
-        rows, columns = np.nonzero(self.state.contact)
+        """Return the numbers of this rank's cells in contact in the grid, and their pressures."""
+        rows, columns = np.nonzero(self.state.in_contact())
         rows_of_grid = rows + self._window.y0 + self.state.operator.slabs.rows.start
         cells = rows_of_grid * self._level.grid.nx + columns + self._window.x0
         return cells, self.state.p[rows, columns]

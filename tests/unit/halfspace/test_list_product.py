@@ -12,7 +12,7 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.kernel import Kernel
-from app.halfspace.list_product import ListProduct, fit_gaussians
+from app.halfspace.list_product import ListProduct, fit_gaussians, uniform_displacement
 from app.halfspace.product import Convolution
 
 ROUNDING = 1e-13  # of the sum of |p| times the largest coefficient
@@ -167,6 +167,38 @@ def test_stencil_is_a_preconditioner(ratio):
     np.testing.assert_allclose(back[inner], checkerboard[inner], atol=0.1)
 
 
+@pytest.mark.parametrize("thickness", [0.3, 0.884, 3.0])
+@pytest.mark.parametrize("young", [(219.0, 1.0), (0.01, 1.0), (1.0, np.inf)])
+def test_stencil_of_layers_is_positive_definite(young, thickness):
+    grid = Grid(500, 500, 1.0, 1.0)
+    kernel = Material.coated(young, (0.45, 0.3), thickness).kernel
+    stencil, grid = ListProduct(grid, kernel, spacing=8).stencil(8), Grid(40, 40, 1.0, 1.0)
+    cells = CellList(grid, np.ones(grid.shape, bool))
+    matrix = np.array([stencil.apply(cells, row, cells) for row in np.eye(len(cells))])
+    assert np.linalg.eigvalsh(matrix).min() > 0
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        Material.from_contact_modulus(2.0),
+        Material.layer(1.0, 0.45, 5.0),
+        Material.layer(1.0, 0.3, 1e4, other=(2.0, 0.3)),
+        Material.coated((50.0, 1.0), (0.3, 0.3), 0.5),
+    ],
+)
+def test_uniform_displacement_is_the_sum_of_coefficients(material):
+    grid = Grid(150, 90, 1.0, 1.3)
+    cells = CellList(grid, np.array([0, 77, 4000, 6100, grid.n - 1]))
+    coefficients = material.kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
+    offsets = [
+        (abs(np.arange(grid.ny) - j), abs(np.arange(grid.nx) - i))
+        for j, i in zip(cells.iy, cells.ix, strict=True)
+    ]
+    sums = [coefficients[np.ix_(*offset)].sum() for offset in offsets]
+    np.testing.assert_allclose(uniform_displacement(material.kernel, cells), sums, rtol=1e-6)
+
+
 class OtherBodies(Kernel):
     """Bodies with another displacement by a point force."""
 
@@ -195,9 +227,9 @@ def test_error_of_layers_is_below_bound(name, young, thickness):
 @pytest.mark.parametrize("longest", [1.0, 70.0, 1e3, 1e4])
 def test_fit_is_within_its_error(kernel, longest):
     nearest = 60.0
-    t, weights, error = fit_gaussians(kernel, 3.0 / nearest, nearest, longest)
+    t, weights, error = fit_gaussians(kernel.point_influence, 3.0 / nearest, nearest, longest)
     r = np.geomspace(nearest, max(longest, nearest), 20001)
-    point_force = kernel.compliance * (1 / r + kernel.layer_influence(r))
+    point_force = kernel.point_influence(r)
     assert t.max() <= 3.0 / nearest
     assert np.abs(np.exp(-(np.outer(r, t) ** 2)) @ weights - point_force).max() <= error
     assert error <= 1e-7 * point_force[0]
