@@ -119,8 +119,7 @@ class Pressed:
         Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
     """
 
-    # State of `pressure` when plastic cells were last counted, and their number
-    _counted_at, _plastic_cells = None, 0
+    _counted_at, _plastic_cells = None, 0  # plastic cells: state of `pressure` when counted, and their number
 
     def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED, p=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
@@ -375,13 +374,10 @@ class ContactState(Pressed):
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove cells from C that violate p >= 0 (2.9), step 4.a.
+        """Remove tensile cells, which violate p >= 0 (2.9), and cells above the hardness from C, step 4.a.
 
-        These cells are tensile. Cells above the hardness are removed from C, too.
-
-        If `some` is None, the call is collective, and returns the number of tensile cells. Otherwise `some` says
-        whether any rank has tensile cells, and is returned. The change of p is added to `change`, shape (local rows,
-        nx) [N/mm2].
+        If `some` is None, the call is collective, and returns the number of these cells. Otherwise `some` says whether
+        any rank has some, and is returned. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some
@@ -433,10 +429,9 @@ class ContactState(Pressed):
         return self.compute_displacement(exact=True)
 
     def reach_load(self, load):
-        """Reach a load [N] by a constant added to p. Collective.
+        """Reach a load [N] by a constant added to p on C. Collective.
 
-        The constant is added on C. p stays within its bounds, and u is not updated. If all cells of C reach a bound,
-        the load is not reached.
+        p stays within its bounds, and u is not updated. If all cells of C reach a bound, the load is not reached.
         """
         self.reach_sum(load / self.grid.cell_area)
         self.displacement_status = Displacement.STALE

@@ -60,6 +60,7 @@ class ListSolution(NamedTuple):
     p: np.ndarray  # [N/mm2]
     u: np.ndarray  # [mm]
     contact: np.ndarray  # cells in C
+    in_contact: np.ndarray  # cells in C, and plastic cells
     depth: float  # [mm]
     numbers: GridNumbers
     certificate: Certificate
@@ -68,8 +69,7 @@ class ListSolution(NamedTuple):
     @property
     def loaded(self):
         """Indices of the cells in contact, and their pressures [N/mm2]."""
-        in_contact = self.contact | (self.p > 0)  # plastic cells are not in C
-        return self.cells[in_contact], self.p[in_contact]
+        return self.cells[self.in_contact], self.p[self.in_contact]
 
 
 class ExpandedState(ContactState):
@@ -279,7 +279,7 @@ class DiluteContact:
                 return None
             certificate = estimate(state, stop.settings.error_bound) if stop.final else None
             numbers = compute_grid_numbers(state, None)
-            fields = state.p[0], state.u[0], state.contact[0]
+            fields = state.p[0], state.u[0], state.contact[0], state.in_contact()[0]
             return ListSolution(cells, *fields, state.depth, numbers, certificate, outcome)
         except NeedsSafeguard:
             return None
