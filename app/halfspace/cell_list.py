@@ -74,6 +74,7 @@ class LocalSum:
     """
 
     def __init__(self, quadrant):
+        quadrant = quadrant[:, : np.flatnonzero(quadrant.any(axis=0)).max(initial=0) + 1]
         rows, columns = quadrant.shape
         last = columns - 1 - np.argmax(quadrant[:, ::-1] != 0, axis=1)
         bands = np.arange((rows + BAND - 2) // BAND + 1)

@@ -36,6 +36,7 @@ def test_local_sum(seed, shape, radii, density):
     rng, (ny, nx) = np.random.default_rng(seed), shape
     grid = Grid(nx, ny, 1.0, 1.0)
     quadrant = rng.normal(size=[r + 1 for r in radii]) * (rng.random([r + 1 for r in radii]) < 0.7)
+    quadrant[:, rng.integers(1, radii[1] + 2) :] = 0.0
     sources, targets = (CellList(grid, rng.random(shape) < density) for _ in range(2))
     p = rng.normal(size=len(sources))
     large = np.zeros((ny + radii[0], nx + radii[1]))
