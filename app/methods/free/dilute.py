@@ -110,14 +110,14 @@ class ExpandedState(ContactState):
         """
         if self.comm:
             return super().total_gap()
-        statistics, loaded = self.distance.statistics, CellList(self.grid, np.flatnonzero(self.p))
-        uniform = uniform_displacement(self.operator.kernel, loaded)
+        statistics, listed = self.distance.statistics, CellList(self.grid, self._cells)
+        uniform = uniform_displacement(self.operator.kernel, listed)
         if statistics.cells < self.grid.n:
             holes = CellList(self.grid, ~self.admissible)
-            if self._product.cost(holes, loaded) > 1:
+            if self._product.cost(holes, listed) > 1:
                 return super().total_gap()
-            uniform -= self._product.apply(holes, np.ones(len(holes)), loaded)
-        total = uniform @ self.p.reshape(-1)[loaded.cells]
+            uniform -= self._product.apply(holes, np.ones(len(holes)), listed)
+        total = uniform @ self.p.reshape(-1)[self._cells]
         return statistics.cells * (statistics.mean - self.depth) + total
 
     def total_overlap(self, cells):
