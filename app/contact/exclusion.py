@@ -5,10 +5,11 @@ Let p >= 0. Then in each cell of a block I
     u >= sum over the blocks J of P_J K_IJ,
 
 where P_J is the force in block J, and K_IJ a lower bound of the displacement by a unit force at all distances between a
-point of I and one of J (`Kernel.least_influence`). It may be negative if a body has a layer. The distances depend on
-the offset of the blocks only. So this bound costs a product on the grid of blocks. Where h plus the bound is positive,
-the bodies cannot penetrate: this is proved, and nothing else needs to be computed there. The test is made for whole
-blocks first, with the least h of admissible cells in each block. These minima are made once: an approach only shifts h.
+point of I and one of J (`Kernel.least_influence`). It may be negative if a body has a layer. If the pressure repeats,
+K_IJ is the least influence coefficient of all offsets between cells of I and J. The distances depend on the offset of
+the blocks only. So this bound costs a product on the grid of blocks. Where h plus the bound is positive, the bodies
+cannot penetrate: this is proved, and nothing else needs to be computed there. The test is made for whole blocks first,
+with the least h of admissible cells in each block. These minima are made once: an approach only shifts h.
 """
 
 import numpy as np
@@ -31,7 +32,7 @@ class BlockBounds:
     grid : Grid
         Grid of a free patch.
     kernel : Kernel
-        Kernel with the method `least_influence`.
+        Kernel with the method `least_influence`; any kernel if `quadrant` is given.
     b : ndarray, shape (local rows, nx), [mm]
         -h at depth 0, as in `app.contact.distance.UndeformedDistance`.
     admissible : ndarray of bool, shape (local rows, nx)
@@ -40,6 +41,9 @@ class BlockBounds:
         Number of the first local row.
     comm : mpi4py communicator, optional
         Ranks that share the rows.
+    quadrant : ndarray, optional
+        Influence coefficients at all offsets, in directions in which the patch repeats up to half a period [mm /
+        (N/mm2)]. Periods must be multiples of `BLOCK`.
 
     Attributes
     ----------
@@ -47,18 +51,23 @@ class BlockBounds:
         Points of the transform of a product between blocks.
     """
 
-    def __init__(self, grid, kernel, b, admissible, first=0, comm=None):
+    def __init__(self, grid, kernel, b, admissible, first=0, comm=None, quadrant=None):
         self._grid, self._fields, self._first = grid, (b, admissible), first
         self._shape = ny, nx = tuple(-(-n // BLOCK) for n in grid.shape)
         highest = np.full(self._shape, -np.inf)
         _block_maxima(b, admissible, first, highest, np.empty(grid.nx))
         self._highest = -minimum_over(comm, -highest)
-        self._lengths = tuple(fast_length(2 * n) for n in self._shape)
+        repeats = zip(self._shape, grid.repeats, strict=True)
+        self._lengths = tuple(n if whole else fast_length(2 * n) for n, whole in repeats)
         self.points = np.prod(self._lengths)
         offsets = [np.arange(n // 2 + 1) for n in self._lengths]
-        y, x = BLOCK * grid.dy * offsets[0][:, None], BLOCK * grid.dx * offsets[1]
-        nearest = np.hypot(np.maximum(y - y[1], 0.0), np.maximum(x - x[1], 0.0))
-        least = grid.cell_area * kernel.least_influence(nearest, np.hypot(y + y[1], x + x[1]))
+        if quadrant is None:
+            y, x = BLOCK * grid.dy * offsets[0][:, None], BLOCK * grid.dx * offsets[1]
+            nearest = np.hypot(np.maximum(y - y[1], 0.0), np.maximum(x - x[1], 0.0))
+            least = grid.cell_area * kernel.least_influence(nearest, np.hypot(y + y[1], x + x[1]))
+        else:
+            least = _least_coefficients(quadrant)
+            least = least[np.ix_(*(np.minimum(k, n - 1) for k, n in zip(offsets, least.shape, strict=True)))]
         least = least[np.ix_(*(np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths))]
         self._spectrum, self._norm = fft.rfft2(least), np.linalg.norm(least)
 
@@ -83,6 +92,19 @@ class BlockBounds:
         blocks = np.argwhere(u < self._highest + depth)
         found = np.empty(len(blocks) * BLOCK**2, np.int64)
         return np.sort(found[: _collect(*self._fields, self._first, depth, u, blocks, found)])
+
+
+def _least_coefficients(quadrant):
+    """Return the least of the coefficients between cells of two blocks, by the offset of the blocks.
+
+    Cells of blocks at an offset of k blocks have offsets of less than k + 1 and more than k - 1 blocks. Offsets beyond
+    half a period have the coefficients of shorter ones, which are among these.
+    """
+    for _ in range(2):
+        least = np.minimum.reduceat(quadrant, np.arange(0, len(quadrant), BLOCK), axis=0)
+        least[1:] = np.minimum(least[1:], least[:-1])
+        quadrant = least.T
+    return quadrant
 
 
 @njit_reassoc

@@ -177,6 +177,9 @@ class PrescribedLoad(SearchedLoading):
         """Forget the last step, and ensure contact; see `Loading.begin`."""
         self._before, self._missing, self._model_factor = None, None, 1.0
         state.first_contact()
+        if state.distance.is_singular and not self.slope:  # the periodic method does not use it
+            beyond = state.depth - state.distance.zero_load_depth
+            self.slope = 1.5 * self.load / beyond if beyond > 0 else stiffness_of_patch(state)
 
     def update(self, state):
         """Change the approach by the missing load divided by the slope.

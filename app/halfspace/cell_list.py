@@ -49,6 +49,13 @@ class CellList:
         self.grid = grid
         self.cells = np.flatnonzero(cells) if cells.dtype == bool else cells.astype(np.int64, copy=False)
         self.iy, self.ix = np.divmod(self.cells, grid.nx)
+        self._cache = {}
+
+    def cached(self, key, make):
+        """Return what is stored with a key, at first the result of ``make()``."""
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]
 
     def __len__(self):
         return len(self.cells)

@@ -90,6 +90,50 @@ def _first_from(columns, column, low, high):
 
 
 @njit(fastmath=_FASTMATH)
+def sum_arms(starts, places, source_starts, source_places, p, table, first, last, u):
+    """Add the sums of a table times the pressures in the same and in near lines of a periodic patch.
+
+    Parameters
+    ----------
+    starts, source_starts : ndarray of int, shape (lines of the patch + 1,)
+        First target and first source of each line (row or column).
+    places, source_places : ndarray of int
+        Positions in their lines, sorted. Copies of the sources continue each line by half a period on both sides.
+    p, u : ndarray
+        Pressures of the sources, and sums at the targets.
+    table : ndarray, shape (near lines, offsets)
+        Coefficients at offsets in lines, from 0 on, and along a line.
+    first, last : ndarray of int, shape (near lines,)
+        Least and largest offsets along a line of coefficients that are not zero; `first` is positive.
+    """
+    lines = len(starts) - 1
+    for line in range(lines):
+        if starts[line] == starts[line + 1]:
+            continue
+        for j in range(1 - len(table), len(table)):
+            other, row = (line + j) % lines, table[abs(j)]
+            near, far, end = first[abs(j)], last[abs(j)], source_starts[other + 1]
+            if source_starts[other] == end:
+                continue
+            a = b = c = d = source_starts[other]
+            for k in range(starts[line], starts[line + 1]):
+                place, total = places[k], 0.0
+                while a < end and source_places[a] < place - far:
+                    a += 1
+                while b < end and source_places[b] <= place - near:
+                    b += 1
+                while c < end and source_places[c] < place + near:
+                    c += 1
+                while d < end and source_places[d] <= place + far:
+                    d += 1
+                for m in range(a, b):
+                    total += p[m] * row[place - source_places[m]]
+                for m in range(c, d):
+                    total += p[m] * row[source_places[m] - place]
+                u[k] += total
+
+
+@njit(fastmath=_FASTMATH)
 def spread(ix, iy, p, in_x, in_y, sums, nodes):
     """Add the pressures of cells (ix, iy) to the nodes around each cell.
 

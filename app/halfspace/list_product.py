@@ -67,8 +67,8 @@ from app.halfspace.list_loops import gather, spread
 # Either part of the error bound is about 1e-8 of S(0, 0).
 _SPLIT = 0.4  # a times the spacing of nodes
 _CUTOFF = 3.0  # a times the radius of the local part
-_WINDOW = 12  # nodes of the window in each direction; even
-_WINDOW_SHAPE = 1.9 * _WINDOW  # beta of the window exp(beta (sqrt(1 - z^2) - 1)), abs(z) < 1
+WINDOW = 12  # nodes of the window in each direction; even
+_WINDOW_SHAPE = 1.9 * WINDOW  # beta of the window exp(beta (sqrt(1 - z^2) - 1)), abs(z) < 1
 _FADE, _FADE_NODES = 4.3, 10  # erfc(4.3) is 1e-9; nodes in which a Gaussian fades out, up to half the period
 _GAUSSIANS = 48
 _FIT_POINTS, _FIT_FACTOR = 600, 1.16  # 1 / cos(pi / 6), rounded up
@@ -77,7 +77,7 @@ _LAYER_SPLIT = 2.5  # largest t of a Gaussian times the thickness, for the displ
 _NEAR_LAYER = 0.02  # least distance over the thickness there
 _LEAST_INVERSE = 1e-3  # least eigenvalue of a preconditioner, over the largest one
 _CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least ten times as wide as a cell.
-_SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
+SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
 _MOST_NODES = 150  # in each direction, if nothing is known about the lists
 _LARGEST_TABLE = 4096  # cells of a grid on which all pairs of cells are summed
 # Times in units of a point of a transform.
@@ -114,7 +114,7 @@ class ListProduct:
         if not self.suits(grid, kernel):
             raise InputError("list products: must be a free patch of half-spaces or layered bodies")
         self.grid, self.kernel = grid, kernel
-        self._split = split = _choose_split(grid, cells) if spacing is None else _Split(grid, spacing)
+        self._split = split = _choose_split(grid, cells) if spacing is None else Split(grid, spacing)
         self.spacing, self.radius = split.spacing, split.radius
         self.diagonal = float(kernel.coefficients(grid, np.arange(1), 1)[0, 0])
         if not split.spacing:
@@ -124,7 +124,7 @@ class ListProduct:
         nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
         t, weights, misfit = fit_gaussians(kernel.point_influence, split.a, nearest, np.hypot(*grid.sides))
         numbers = zip(grid.shape, split.sizes, split.steps, split.periods, strict=True)
-        self._axes = in_y, in_x = [_Axis(*each, t) for each in numbers]
+        self._axes = in_y, in_x = [Axis(*each, t) for each in numbers]
         self._nodes = np.empty((in_y.nodes, in_x.nodes))
         self._smooth = EvenMultiplier(self._nodes.shape, split.periods)
         spectrum = (in_x.spectrum.T * weights) @ in_y.spectrum
@@ -142,7 +142,7 @@ class ListProduct:
         """Return K - S at offsets up to the radius, else 0."""
         grid, sides = self.grid, zip(self.grid.shape, self._split.sizes, strict=True)
         y, x = (size * np.arange(min(n, int(self.radius / size) + 1)) for n, size in sides)
-        smooth = (_cell_integrals(y, grid.dy, t) * weights) @ _cell_integrals(x, grid.dx, t).T
+        smooth = (cell_integrals(y, grid.dy, t) * weights) @ cell_integrals(x, grid.dx, t).T
         table = self.kernel.coefficients(grid, np.arange(len(y)), len(x)) - smooth
         table[np.hypot(y[:, None], x) > self.radius] = 0.0
         return table
@@ -161,15 +161,19 @@ class ListProduct:
         """
         u = self._local.apply(sources, p, targets)
         if self.spacing and len(sources) and len(targets):
-            nodes, (in_y, in_x), sums = self._nodes, (axis.weights for axis in self._axes), np.empty(_WINDOW)
+            nodes, (in_y, in_x), sums = self._nodes, (axis.weights for axis in self._axes), np.empty(WINDOW)
             nodes[:] = 0.0
             spread(sources.ix, sources.iy, np.array(p, float), in_x, in_y, sums, nodes)
-            self._smooth.apply(nodes, nodes)
+            self._convolve(nodes)
             gather(targets.ix, targets.iy, nodes, in_x, in_y, sums, u)
         if out is None:
             return u
         out[:] = u
         return out
+
+    def _convolve(self, nodes):
+        """Replace the values of the nodes by their convolution with S."""
+        self._smooth.apply(nodes, nodes)
 
     def cost(self, sources, targets):
         """Estimate the time of a product, in units of `EvenMultiplier.points`.
@@ -185,33 +189,38 @@ class ListProduct:
         coefficients are negative (nearly all, if cells are long), so the cut makes it positive definite. If it does
         not, as for stiff layers as thin as a cell, the diagonal coefficient is raised.
         """
-        period, offsets = 8 * radius, np.arange(4 * radius + 1)
-        waves = self.kernel.coefficients(self.grid, offsets, len(offsets))
+        offsets = np.arange(4 * radius + 1)
+        return LocalSum(self._inverse(self.kernel.coefficients(self.grid, offsets, len(offsets)), radius))
+
+    @staticmethod
+    def _inverse(waves, radius):
+        """Return the inverse's coefficients, given those of A at offsets up to 4 times the radius; see `stencil`."""
+        period = 8 * radius
         for _ in range(2):
             waves = transform_even(waves, period).T.copy()
         inverse = np.divide(1.0, waves, out=np.zeros_like(waves), where=waves > 0)
         inverse[0, 0] = 0.0
         for _ in range(2):
             inverse = transform_even(inverse, period).T.copy() / period
-        inverse[np.hypot(*np.ogrid[: len(offsets), : len(offsets)]) > radius] = 0.0
+        inverse[np.hypot(*np.ogrid[: len(inverse), : len(inverse)]) > radius] = 0.0
         waves = inverse.copy()  # transforms overwrite
         for _ in range(2):
             waves = transform_even(waves, period).T.copy()
         inverse[0, 0] += max(_LEAST_INVERSE * waves.max() - waves.min(), 0.0)
-        return LocalSum(inverse[: radius + 1, : radius + 1])
+        return inverse[: radius + 1, : radius + 1]
 
 
 def _choose_split(grid, cells):
     """Return the split whose products from `cells` to `cells` take the least time."""
     if grid.n <= _LARGEST_TABLE:
-        return _Split(grid, 0)
-    splits = [_Split(grid, spacing) for spacing in _SPACINGS]
+        return Split(grid, 0)
+    splits = [Split(grid, spacing) for spacing in SPACINGS]
     if cells is None:
         return next((s for s in splits if max(grid.shape) <= _MOST_NODES * min(s.steps)), splits[-1])
     return min(splits, key=lambda split: split.cost(cells, cells))
 
 
-class _Split:
+class Split:
     """Numbers of a split with the given spacing of nodes; see `ListProduct`."""
 
     def __init__(self, grid, spacing):
@@ -228,11 +237,11 @@ class _Split:
     def cost(self, sources, targets):
         """Estimate the time of a product; see `ListProduct.cost`."""
         pairs = estimate_pairs(sources, targets, [self.radius / size for size in self.sizes])
-        windows = _WINDOW**2 * (len(sources) + len(targets)) if self.spacing else 0
+        windows = WINDOW**2 * (len(sources) + len(targets)) if self.spacing else 0
         return _PAIR * pairs + _WINDOW_NODE * windows + _NODE * self.periods[0] * self.periods[1]
 
 
-class _Axis:
+class Axis:
     """Nodes in one direction, and Gaussians ``exp(-t^2 s^2)`` on them.
 
     Parameters
@@ -257,19 +266,9 @@ class _Axis:
     """
 
     def __init__(self, n, size, step, period, t):
-        self.nodes = (n - 1) // step + _WINDOW
-        cells = (np.arange(min(n, step)) + 0.5) / step
-        nodes = np.arange(_WINDOW) + 1 - _WINDOW // 2
-        z = (cells[:, None] - nodes) * 2 / _WINDOW
-        weights = np.exp(_WINDOW_SHAPE * (np.sqrt(1 - z**2) - 1))
-        self.weights = np.zeros((step, _WINDOW))
-        self.weights[: len(cells)] = weights
-
+        self.nodes = (n - 1) // step + WINDOW
         half = period // 2
-        wave = 2 * np.pi * np.arange(half + 1) / period
-        windows = weights @ np.exp(1j * np.outer(nodes, wave)) * np.exp(-1j * np.outer(cells, wave))
-        window = windows.real.mean(axis=0)
-        window_errors = np.abs(windows / window - 1).max(axis=0)
+        self.weights, window, window_errors = node_window(n, step, 2 * np.pi * np.arange(half + 1) / period)
 
         # Twice as many points as nodes show the waves that nodes do not resolve.
         x, gap = np.arange(period + 1) / 2, half - (n - 0.5) / step
@@ -284,6 +283,33 @@ class _Axis:
         multiplicity = np.where(np.arange(half + 1) % half, 2, 1)
         self.errors = np.abs(on_nodes) @ (multiplicity * ((1 + window_errors) ** 2 - 1))
         self.errors += 4 * np.abs(waves[:, half:]).sum(axis=1) + erfc(_FADE) * size
+
+
+def node_window(n, step, waves):
+    """Return the weights of nodes around cells, and what they make of waves.
+
+    Parameters
+    ----------
+    n, step : int
+        Number of cells, and of cells between nodes.
+    waves : ndarray
+        Wave numbers, for a spacing of nodes of 1.
+
+    Returns
+    -------
+    weights : ndarray, shape (step, WINDOW)
+        Weights for the cells between two nodes.
+    factors, errors : ndarray, shape (waves,)
+        Factors on the waves, and the largest relative errors of these factors.
+    """
+    cells = (np.arange(min(n, step)) + 0.5) / step
+    nodes = np.arange(WINDOW) + 1 - WINDOW // 2
+    z = (cells[:, None] - nodes) * 2 / WINDOW
+    weights = np.zeros((step, WINDOW))
+    weights[: len(cells)] = near = np.exp(_WINDOW_SHAPE * (np.sqrt(1 - z**2) - 1))
+    windows = near @ np.exp(1j * np.outer(nodes, waves)) * np.exp(-1j * np.outer(cells, waves))
+    factors = windows.real.mean(axis=0)
+    return weights, factors, np.abs(windows / factors - 1).max(axis=0)
 
 
 def fit_gaussians(point_force, a, nearest, longest, relative=False):
@@ -354,7 +380,7 @@ def _side_integrals(t, x, side):
     return (erf(np.outer(t, x)) + erf(np.outer(t, side - x))) * (np.sqrt(np.pi) / 2 / t)[:, None], places
 
 
-def _cell_integrals(x, size, t):
+def cell_integrals(x, size, t):
     """Return integrals of ``exp(-t^2 s^2)`` over cells with centres x, shape (cells, Gaussians)."""
     places, weights = _CELL
     points = x[:, None, None] + size / 2 * places

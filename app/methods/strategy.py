@@ -239,7 +239,17 @@ class Film(ActiveSet):
 
 
 class Inexact(Strategy):
-    """Base class of the default methods, which solve linear systems inexactly."""
+    """Base class of the default methods, which solve linear systems inexactly, and dilute contact on lists."""
+
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
+        self._lists = DiluteContact(hierarchy) if hierarchy.lists else None
+
+    def use_distances(self, distances, coarse_minimum):
+        """Set the undeformed distances; see `Strategy.use_distances`."""
+        super().use_distances(distances, coarse_minimum)
+        if self._lists:
+            self._lists.use_distances(distances)
 
     def _run(self, loading, history, start):
         state, outcome = super()._run(loading, history, start)
@@ -265,7 +275,6 @@ class Fast(Inexact):
         operator = hierarchy.levels[hierarchy.finest_unwindowed]
         if operator.active:
             self._cache.solver(hierarchy.finest_unwindowed, operator)  # raises for wrong options
-        self._lists = DiluteContact(hierarchy) if hierarchy.lists else None
 
     def _make_solver(self):
         hierarchy = self._hierarchy
@@ -282,12 +291,6 @@ class Fast(Inexact):
         super().prepare()
         if not self._hierarchy.target.grid.doubly_periodic:
             multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
-
-    def use_distances(self, distances, coarse_minimum):
-        """Set the undeformed distances; see `Strategy.use_distances`."""
-        super().use_distances(distances, coarse_minimum)
-        if self._lists:
-            self._lists.use_distances(distances)
 
     def _solve(self, loading, history, start):
         hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
@@ -308,15 +311,41 @@ class Primal(Inexact):
     """Strategy ``primal``, the default on periodic patches: CarryingCG."""
 
     def _make_solver(self):
-        primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
-        return PrimalSolver(self._hierarchy)
+        hierarchy, multilevel = self._hierarchy, self._settings.defect_correction > 0
+        if hierarchy.lists:  # perhaps the fine grids are solved on lists
+            numbers = [
+                n
+                for n, level in enumerate(hierarchy.levels)
+                if not DiluteContact.suits(level.grid, level.kernel)
+            ]
+            primal_solver.prepare(hierarchy, multilevel, numbers)
+            return None
+        primal_solver.prepare(hierarchy, multilevel)
+        return PrimalSolver(hierarchy)
+
+    def _solve_all_cells(self):
+        """Prepare for solves of the fine grids on all cells, when these are first needed."""
+        if self.solver is None:
+            primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
+            self.solver = self._cache.target = PrimalSolver(self._hierarchy)
 
     def _make_cache(self):
         return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
     def _solve(self, loading, history, start):
-        stop = InexactStop.of(self._settings)
-        return primal_iteration(self._hierarchy, self._distances, loading, stop, history, self._cache, start)
+        lists = None if start is not None else self._lists
+        if lists is None or not lists.suit(len(self._hierarchy.levels) - 1, loading):
+            lists = None
+            self._solve_all_cells()
+        fields = (
+            self._hierarchy,
+            self._distances,
+            loading,
+            InexactStop.of(self._settings),
+            history,
+            self._cache,
+        )
+        return primal_iteration(*fields, start, lists, self._solve_all_cells)
 
 
 class Reference(Strategy):
@@ -355,8 +384,9 @@ def allows_lists(settings, problem, comm, listeners):
 
     Listeners of the user expect fields of a grid or window.
     """
-    usual = settings.type == "fast" and settings.nested and settings.window > 0
-    usual &= settings.texts.get("pc_python_type", "").endswith(".Circulant")
+    free = settings.type == "fast" and settings.window > 0
+    free &= settings.texts.get("pc_python_type", "").endswith(".Circulant")
+    usual = settings.nested and (free or settings.type == "primal")
     possible = usual and problem.compliance is None and DiluteContact.suits(problem.grid, problem.kernel)
     return possible and comm.allreduce(not any(listener.needs_fields for listener in listeners), MPI.LAND)
 

@@ -164,7 +164,7 @@ class Hierarchy:
         if not lists:
             self.target.prepare("exact_product")
         for level in self.levels:
-            if not self.may_be_windowed(level):
+            if not (self.may_be_windowed(level) or (lists and level.grid.doubly_periodic)):
                 level.prepare("product")
 
     @property

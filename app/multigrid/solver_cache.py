@@ -17,11 +17,11 @@ class SolverCache:
     """Cache of the linear solvers of one hierarchy.
 
     `kind` is the class of the solvers, `LinearSolver` or a subclass. `target` is the solver of the target grid, or
-    None; the cache returns this solver, but does not free it.
+    None; the cache returns this solver, but does not free it. It may be set later.
     """
 
     def __init__(self, kind, hierarchy, target=None):
-        self._kind, self._hierarchy, self._target = kind, hierarchy, target
+        self._kind, self._hierarchy, self.target = kind, hierarchy, target
         self._solvers, self._direct = {}, {}
 
     def prepare(self, first=0):
@@ -35,7 +35,7 @@ class SolverCache:
     def solver(self, number, operator):
         """Get or make a level's or window's solver. Collective."""
         if self._is_of_target(operator):
-            return self._target
+            return self.target
         if operator not in self._solvers:
             self._solvers[operator] = self._kind(self._hierarchy, number, operator)
         return self._solvers[operator]
@@ -52,12 +52,12 @@ class SolverCache:
     def release_solver(self, operator):
         """Free a large grid's solver; of the target only arrays. Collective."""
         if self._is_of_target(operator):
-            self._target.free_work()
+            self.target.free_work()
         elif is_large(operator.grid):
             self._free_solver(operator)
 
     def _is_of_target(self, operator):
-        return self._target is not None and operator is self._hierarchy.target
+        return self.target is not None and operator is self._hierarchy.target
 
     def _free_solver(self, operator):
         if operator in self._solvers:

@@ -26,7 +26,7 @@ import numpy as np
 
 from app.base.petsc import synchronized
 from app.contact.certificate import Certificate, adopt, estimate
-from app.contact.exclusion import BlockBounds
+from app.contact.exclusion import BLOCK, BlockBounds
 from app.contact.grid_errors import GridNumbers, compute_grid_numbers
 from app.contact.history import Outcome
 from app.contact.state import ContactState
@@ -34,6 +34,7 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.layered_kernel import LayeredKernel
 from app.halfspace.list_product import uniform_displacement
+from app.halfspace.periodic_list_product import PeriodicListProduct
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.list_solver import CountedProduct, ListOperator, ListSolver, ListState
 from app.methods.progress import NeedsSafeguard
@@ -43,6 +44,9 @@ from app.parallel.slabs import none_if_single
 
 MIN_CELLS = 1 << 20  # number of cells from which grids may be solved on lists
 MAX_COST = 0.2  # largest cost of a product from contact to contact, over that of a product on all cells
+MAX_COST_PERIODIC = (
+    0.1  # the same if the patch is periodic in x and y, where the product on all cells needs no padding
+)
 MAX_GROWN_COST = 0.4  # the same if all penetrating cells come into contact
 MAX_CHECK_COST = 1.0  # the same of the product that shows which cells penetrate
 MAX_SHARE = 0.02  # largest share of cells for which costs are estimated
@@ -108,9 +112,12 @@ class ExpandedState(ContactState):
         By symmetry, the sum of A p is that of p times the displacement by unit pressure on these cells. The part of
         holes is a product between lists, if that is cheaper than one on all cells.
         """
-        if self.comm:
-            return super().total_gap()
         statistics, listed = self.distance.statistics, CellList(self.grid, self._cells)
+        if self.comm or self.grid.one_way:
+            return super().total_gap()
+        if self.grid.doubly_periodic:  # A p has no mean
+            whole = statistics.cells == self.grid.n
+            return self.grid.n * (statistics.mean - self.depth) if whole else super().total_gap()
         uniform = uniform_displacement(self.operator.kernel, listed)
         if statistics.cells < self.grid.n:
             holes = CellList(self.grid, ~self.admissible)
@@ -143,8 +150,13 @@ class DiluteContact:
     @staticmethod
     def suits(grid, kernel):
         """Return whether lists are possible on a grid: for half-spaces and layered bodies."""
-        known = type(kernel) in (HalfSpaceKernel, LayeredKernel)
-        return known and not grid.periodic and grid.n >= MIN_CELLS
+        if grid.n < MIN_CELLS:
+            return False
+        if not grid.periodic:
+            return type(kernel) in (HalfSpaceKernel, LayeredKernel)
+        sides = zip(grid.shape, grid.repeats, strict=True)
+        whole_blocks = all(n % BLOCK == 0 for n, repeats in sides if repeats)
+        return whole_blocks and PeriodicListProduct.suits(grid, kernel)
 
     def use_distances(self, distances):
         """Set the undeformed distances of all levels."""
@@ -158,14 +170,16 @@ class DiluteContact:
         """
         if loading.is_tilted or not (loading.approach_is_known or loading.load):
             return False
-        return self._distances[number].patch.n >= MIN_CELLS
+        distance, kernel = self._distances[number], self._hierarchy.kernel
+        capped = distance.bounds.capped and distance.patch.doubly_periodic
+        return not capped and self.suits(distance.patch, kernel)
 
     def solve(self, first, coarse, depth, loading, stop, history, grids):
         """Solve level `first` and all finer ones.
 
         Parameters
         ----------
-        coarse : ndarray, ndarray
+        coarse : (ndarray, ndarray)
             This rank's cells in contact of the next coarser grid, and their pressures [N/mm2].
         depth : float
             Depth found there [mm].
@@ -212,7 +226,8 @@ class DiluteContact:
         if cells.size > MAX_SHARE * grid.n:
             return False
         children = CellList(grid, _children(cells, grid))
-        return self._product(number, children).cost(children, children) < MAX_COST / self._comm.size
+        most = MAX_COST_PERIODIC if grid.doubly_periodic else MAX_COST
+        return self._product(number, children).cost(children, children) < most / self._comm.size
 
     def _product(self, number, cells):
         if number not in self._products:
@@ -289,15 +304,14 @@ class DiluteContact:
 
     def _penetrating(self, number, cells, p, depth):
         """Return the cells outside a list that penetrate, or may do so by the error of a product."""
-        level, distance = self._hierarchy.levels[number], self._distances[number]
-        if number not in self._blocks:
-            fields, first = (distance.b, distance.admissible), level.slabs.rows.start
-            self._blocks[number] = BlockBounds(
-                level.grid, level.kernel, *fields, first, none_if_single(self._comm)
-            )
-        blocks, loaded = self._blocks[number], p != 0
+        level, distance, loaded = self._hierarchy.levels[number], self._distances[number], p != 0
         sources, p = CellList(level.grid, cells[loaded]), p[loaded]
         product = self._product(number, sources)
+        if number not in self._blocks:
+            fields, first = (distance.b, distance.admissible), level.slabs.rows.start
+            comm, quadrant = none_if_single(self._comm), product.quadrant
+            self._blocks[number] = BlockBounds(level.grid, level.kernel, *fields, first, comm, quadrant)
+        blocks = self._blocks[number]
         others = np.setdiff1d(blocks.undecided(sources.cells, p, depth), cells, assume_unique=True)
         targets = CellList(level.grid, others)
         self._hierarchy.count_products(level, blocks.points / level.product_points)
@@ -334,13 +348,11 @@ def _parents(cells, grid):
 
 def _widen(cells, grid):
     """Return cells and their neighbours on a grid, sorted."""
-    rows, columns = np.divmod(cells, grid.nx)
-    around = [
-        np.clip(rows + j, 0, grid.ny - 1) * grid.nx + np.clip(columns + i, 0, grid.nx - 1)
-        for j in (-1, 0, 1)
-        for i in (-1, 0, 1)
-    ]
-    return np.unique(np.concatenate(around))
+    rows, columns = (
+        [places % n if repeats else np.clip(places, 0, n - 1) for places in (index - 1, index, index + 1)]
+        for index, n, repeats in zip(np.divmod(cells, grid.nx), grid.shape, grid.repeats, strict=True)
+    )
+    return np.unique(np.concatenate([y * grid.nx + x for y in rows for x in columns]))
 
 
 def _insert(cells, p, more):

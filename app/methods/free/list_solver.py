@@ -12,41 +12,58 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.list_product import ListProduct
 from app.halfspace.operator import InfluenceOperator, get_operator
+from app.halfspace.periodic_list_product import PeriodicListProduct
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.windows import WindowState
 
 STENCIL_RADIUS = 8  # cells at which the inverse of A is cut off
+_CG = {  # as in petsc_options/fast.opts
+    "ksp_type": "python",
+    "ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_converged_use_initial_residual_norm": "",
+    "ksp_rtol": "0.06",
+    "ksp_max_it": "50",
+}
 MAX_FALL = 4.0  # of the largest displacement since the start: more is lost in its rounding
 
 
-class CountedProduct(ListProduct):
+class CountedProduct:
     """ListProduct of a level of a hierarchy, which counts the work.
 
     `number` is the number of the level, `cells` a CellList as in `ListProduct`.
 
     Attributes
     ----------
+    grid, error_bound, diagonal
+        See `ListProduct`.
+    quadrant : ndarray or None
+        See `PeriodicListProduct`; None on a free patch.
     inverse : LocalSum
         Sums with the inverse of A continued periodically, cut off at `STENCIL_RADIUS`.
     """
 
     def __init__(self, hierarchy, number, cells):
         self._hierarchy, self._level = hierarchy, hierarchy.levels[number]
-        super().__init__(self._level.grid, self._level.kernel, cells=cells)
-        self.inverse, self._last = self.stencil(STENCIL_RADIUS), (None, 0.0)
+        self.grid, kernel = self._level.grid, self._level.kernel
+        kind = PeriodicListProduct if self.grid.periodic else ListProduct
+        self._product = product = kind(self.grid, kernel, cells=cells)
+        self.error_bound, self.diagonal = product.error_bound, product.diagonal
+        self.quadrant = product.quadrant if self.grid.periodic else None
+        self.inverse, self._last = product.stencil(STENCIL_RADIUS), (None, 0.0)
 
     def cost(self, sources, targets):
         """Return the estimated time of a product, over that of a product on all cells of the level."""
         lists, cost = self._last
         if lists != (sources, targets):
-            cost = super().cost(sources, targets) / self._level.product_points
+            cost = self._product.cost(sources, targets) / self._level.product_points
             self._last = (sources, targets), cost
         return cost
 
     def apply(self, sources, p, targets, out=None):
         """Return u at the targets [mm]; see `ListProduct.apply`."""
         self._hierarchy.count_products(self._level, self.cost(sources, targets))
-        return super().apply(sources, p, targets, out)
+        return self._product.apply(sources, p, targets, out)
 
 
 class ListedProduct:
@@ -96,7 +113,7 @@ class ListOperator(InfluenceOperator):
     def __init__(self, level, product, cells):
         super().__init__(Grid(cells.size, 1, level.grid.dx, level.grid.dy), level.kernel)
         self.product = self.exact_product = ListedProduct(product, cells)
-        self.error_bound = product.error_bound
+        self.error_bound, self.diagonal = product.error_bound, product.diagonal
         self.mask[...] = False
 
 
@@ -120,6 +137,11 @@ class ListSolver(TrackingSolver):
     """TrackingSolver on a list of cells, without multilevel products."""
 
     _forced = {"pc_type": "python", "pc_python_type": "app.methods.free.list_solver.StencilInverse"}  # noqa: RUF012
+
+    def __init__(self, hierarchy, number, operator):
+        if hierarchy.target.grid.doubly_periodic:  # the options choose another KSP
+            self._forced = self._forced | _CG
+        super().__init__(hierarchy, number, operator)
 
     def begin(self, multilevel):
         """Use the list's product, whatever `multilevel` is."""

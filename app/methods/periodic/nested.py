@@ -24,12 +24,15 @@ _SAFEGUARD = {
 }
 
 
-def primal_iteration(hierarchy, distances, loading, stop, history, cache, start=None):
+def primal_iteration(
+    hierarchy, distances, loading, stop, history, cache, start=None, lists=None, solve_all_cells=None
+):  # fmt: skip
     """Solve on all periodic grids, from the coarsest to the target.
 
     Collective. Parameters and result are as in `app.methods.free.nested.nested_iteration`, but the cache contains
     PrimalSolvers. If `start`, a Solution on the target grid, is given, the iteration starts from it, and coarser grids
-    are left out.
+    are left out. If the DiluteContact `lists` does not solve the fine grids, ``solve_all_cells()`` is called before
+    they are solved on all cells.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if loading.misses_contact(distances[last]):  # rounding would find a pressure in cells that just touch
@@ -42,6 +45,14 @@ def primal_iteration(hierarchy, distances, loading, stop, history, cache, start=
     grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:
+        if lists and coarse is not None and lists.suit(number, loading):
+            cells, depth = coarse.loaded_cells(), grids.depth
+            if solved := lists.solve(number, cells, depth, loading, stop, history, grids):
+                coarse.destroy()
+                state, difference, numbers = solved
+                return state, grids.result(state, difference, numbers=numbers)
+            lists = None
+            solve_all_cells()
         level, coarser = hierarchy.levels[number], grids.grid_numbers
         solver = cache.solver(number, level) if level.active else None
         inverse = solver.inverse if level.active else InverseOperator(level)

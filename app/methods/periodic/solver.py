@@ -131,14 +131,16 @@ class PrimalSolver(LinearSolver):
         super().destroy()
 
 
-def prepare(hierarchy, multilevel):
-    """Create the products with A and its inverse on all grids. Collective.
+def prepare(hierarchy, multilevel, numbers=None):
+    """Create the products with A and its inverse on the grids of given `numbers`, by default on all. Collective.
 
     If `multilevel` is true, also create the multilevel products.
     """
-    hierarchy.target.prepare("exact_inverse")
-    for number, operator in enumerate(hierarchy.levels):
-        coarser = coarser_operator(hierarchy, number)
+    if numbers is None:
+        numbers = range(len(hierarchy.levels))
+        hierarchy.target.prepare("exact_inverse")
+    for number in numbers:
+        operator, coarser = hierarchy.levels[number], coarser_operator(hierarchy, number)
         if operator.active:
             operator.prepare("inverse")
         if coarser is not None and coarser.active:

@@ -118,6 +118,12 @@ class PrimalState(Pressed):
         )
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
 
+    def loaded_cells(self):
+        """Return the numbers of this rank's contact cells in the grid, and their pressures."""
+        return np.flatnonzero(self.contact) + self.operator.slabs.rows.start * self.grid.nx, self.p[
+            self.contact
+        ]
+
     def interpolate_from(self, coarse, transfer):
         """Interpolate the coarser grid's displacement w and pressure p."""
         self.mean_pressure = coarse.mean_pressure
