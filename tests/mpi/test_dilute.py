@@ -7,12 +7,14 @@ import pytest
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.halfspace import periodic_list_product
 from app.methods.free import dilute
 
 
-def spheres(body=None):
+def spheres(body=None, periodic=False):
     """Return balls, and a spike that vanishes in coarse cells."""
-    grid = Grid.from_domain(48, 70, (0.0, 1.2, 0.0, 1.75))
+    size = (96, 128) if periodic else (48, 70)
+    grid = Grid.from_domain(*size, (0.0, 1.2, 0.0, 1.75), periodic)
     x, y = np.meshgrid(grid.x(), grid.y())
     gap = np.min([(x - i) ** 2 + (y - j) ** 2 + h for i, j, h in ((0.3, 0.4, 0), (0.9, 1.5, 0.01))], axis=0)
     gap[35, 40] = 0.015
@@ -24,14 +26,20 @@ def spheres(body=None):
 
 
 @pytest.mark.mpi(1, 2, 3, 5)
-@pytest.mark.parametrize("body", [None, "layer", "hardness", "holes"])
-def test_lists_find_the_same_on_any_number_of_ranks(comm, body):
+@pytest.mark.parametrize(
+    ("body", "periodic"),
+    [(None, False), ("layer", False), ("hardness", False), ("holes", False), (None, True), ("hardness", "x")],
+)
+def test_lists_find_the_same_on_any_number_of_ranks(comm, body, periodic):
     def solve(comm, **loading):
-        with ContactSolver(spheres(body), options={"lcp_rtol": 1e-9}, comm=comm) as solver:
+        with ContactSolver(spheres(body, periodic), options={"lcp_rtol": 1e-9}, comm=comm) as solver:
             return solver.solve(**loading).gather()
 
-    limits = dict.fromkeys(("MAX_COST", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"), np.inf)
-    with mock.patch.multiple(dilute, MIN_CELLS=64, **limits):
+    limits = dict.fromkeys(
+        ("MAX_COST", "MAX_COST_PERIODIC", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"), np.inf
+    )
+    small = mock.patch.multiple(periodic_list_product, _MIN_CELLS=64, _MIN_NODES=12, _MARGIN=8)
+    with small, mock.patch.multiple(dilute, MIN_CELLS=64, **limits):
         for loading in ({"load": 0.003}, {"approach": 0.03}, {"approach": 1e-7}):
             shared, alone = solve(comm, **loading), solve(MPI.COMM_SELF, **loading)
             if comm.rank == 0:

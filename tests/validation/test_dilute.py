@@ -198,13 +198,12 @@ def test_no_product_on_all_cells_before_the_displacement_is_used(make, forced):
     assert found.displacement is u and found.gather().displacement is u
 
 
-@pytest.mark.parametrize("what", ["periodic", "listener", "compliance", "start"])
+@pytest.mark.parametrize("what", ["listener", "compliance", "start"])
 def test_other_problems_are_solved_on_all_cells(what, forced):
     gap = balls(np.random.default_rng(7))
-    periodic = "x" if what == "periodic" else False
     compliance = 0.1 if what == "compliance" else 0.0
     options = {"listeners": [Listener()]} if what == "listener" else {}
-    problem = ContactProblem(GRID, MATERIAL, gap, periodic=periodic, surface_compliance=compliance)
+    problem = ContactProblem(GRID, MATERIAL, gap, surface_compliance=compliance)
     with ContactSolver(problem, **options) as solver:
         found = solver.solve(load=0.3)
         if what == "start":

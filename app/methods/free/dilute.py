@@ -6,7 +6,7 @@ that penetrate, without inadmissible ones. The steps of `app.methods.free.iterat
 one row, with these parts:
 
 - *Product.* `app.halfspace.list_product` computes u in the listed cells, with a proved bound of its error, which the
-  certificate includes.
+  certificate includes; on periodic patches `app.halfspace.periodic_list_product`.
 - *Preconditioner.* The inverse of A continued periodically, cut off at some cells (`app.methods.free.list_solver`).
 - *Exclusion.* `app.contact.exclusion` proves that most cells outside the list cannot penetrate. In the others u is
   computed. Cells that penetrate join the list, and the grid is solved again; on the target grid until there are none.

@@ -29,6 +29,8 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
   the Lagrange multiplier.
 - *Hardness.* Plastic cells are free cells, too: there p must be H in place of 0, which only changes the right-hand side
   (`capped_state`).
+- *Dilute contact.* If few cells of a large grid are in contact, the finer grids are solved on lists of cells, with the
+  pressures as unknowns (`app.methods.free.dilute`).
 - *Safeguard.* If the iteration makes no progress, `app.methods.safeguard` continues with the pressures as unknowns.
 
 `app.contact.full_contact` tests for full contact before these stages if it is likely, or after them if no cell is free.

@@ -5,9 +5,15 @@ import pytest
 
 from app import Grid, Material
 from app.contact.exclusion import BlockBounds
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.operator import InfluenceOperator
 
 KERNEL = Material.from_contact_modulus(1.0).kernel
+MATERIALS = {
+    "half-space": Material.from_contact_modulus(1.0),
+    "layer": Material.layer(young=1.0, poisson=0.45, thickness=2.0),  # some coefficients are negative
+}
 
 
 BODIES = {
@@ -53,6 +59,27 @@ def test_holes_do_not_raise_the_maximum_of_a_block():
         np.array([500]), np.ones(1), 0.5
     )
     assert not undecided.size
+
+
+@pytest.mark.parametrize("periodic", ["spectral", "love", "x", "y"])
+@pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
+@pytest.mark.parametrize("shape", [(96, 64), (48, 80)])  # even and odd numbers of blocks
+def test_no_excluded_cell_of_a_periodic_patch_penetrates(shape, material, periodic):
+    rng, grid = np.random.default_rng(3), Grid(shape[1], shape[0], 0.3, 0.2, periodic=periodic)
+    kernel, u = patch_kernel(material.kernel, grid), np.empty(shape)
+    operator = InfluenceOperator(grid, kernel)
+    rows, columns = (n // 2 + 1 if whole else n for n, whole in zip(shape, grid.repeats, strict=True))
+    quadrant = influence_quadrant(grid, kernel, slice(0, rows), columns)
+    for _ in range(10):
+        cells = np.sort(rng.choice(grid.n, rng.integers(1, 1 + grid.n // 20), replace=False))
+        p, whole = rng.random(cells.size), np.zeros(shape)
+        whole.flat[cells] = p
+        operator.exact_displacement(whole, u)
+        b = u + np.abs(u).max() * rng.uniform(-1.0, 0.1, shape)
+        undecided = BlockBounds(grid, kernel, b, np.ones(shape, bool), quadrant=quadrant).undecided(
+            cells, p, 0.0
+        )
+        assert np.isin(np.flatnonzero(b > u), undecided).all()
 
 
 def test_far_cells_are_excluded_and_slabs_give_the_same_cells():

@@ -30,3 +30,12 @@ def test_lists_are_refined_and_restricted_like_fields(nx, ny):
     expected = transfer.restrict_defect(whole)
     assert np.linalg.norm(means - before) == pytest.approx(np.linalg.norm(expected - p))
     assert means.sum() == pytest.approx(expected.sum())
+
+
+@pytest.mark.parametrize("periodic", ["x", "y", "spectral"])
+def test_neighbours_are_found_across_the_sides(periodic):
+    grid = Grid(32, 16, 1.0, 1.0, periodic=periodic)
+    wide = dilute._widen(np.array([0]), grid)
+    columns = (31, 0, 1) if periodic != "y" else (0, 1)
+    rows = (15, 0, 1) if periodic != "x" else (0, 1)
+    np.testing.assert_array_equal(wide, sorted(32 * j + i for j in rows for i in columns))

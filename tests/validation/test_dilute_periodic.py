@@ -1,0 +1,123 @@
+"""Dilute contact of periodic patches on lists of cells: the answers of the method on all cells, with right bounds."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.halfspace import periodic_list_product
+from app.halfspace.operator import InfluenceOperator
+from app.methods.free import dilute
+
+HALF_SPACE = Material.from_contact_modulus(1.0)
+BODIES = {
+    "half-space": HALF_SPACE,
+    "coating": Material.coated(young=(20.0, 1.0), poisson=(0.3, 0.3), thickness=8.0),
+}
+TIGHT = {"lcp_rtol": 1e-11, "lcp_precision": "double"}
+
+
+@pytest.fixture
+def forced(monkeypatch):
+    """Solve small grids on lists, and count the solves that did so."""
+    for name, value in {"_MIN_CELLS": 64, "_MIN_NODES": 12, "_MARGIN": 8}.items():
+        monkeypatch.setattr(periodic_list_product, name, value)
+    monkeypatch.setattr(dilute, "MIN_CELLS", 5000)
+    for name in ("MAX_COST", "MAX_COST_PERIODIC", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"):
+        monkeypatch.setattr(dilute, name, np.inf)
+    done, solve = [], dilute.DiluteContact.solve
+
+    def counted(*args):
+        result = solve(*args)
+        done.append(result is not None)
+        return result
+
+    monkeypatch.setattr(dilute.DiluteContact, "solve", counted)
+    return done
+
+
+def patch(periodic, dx=1.0):
+    return Grid(128, 96 if dx == 1.0 else 144, dx, 1.0, periodic=periodic)
+
+
+def surface(grid, rng):
+    """Return balls, one across the corner, and a spike that vanishes in coarse cells [mm]."""
+    y, x = np.ogrid[: grid.ny, : grid.nx]
+    places = [(0.3, 0.4, 0.0), *((*rng.random(2), 0.2 * rng.random()) for _ in range(4)), (0.0, 0.0, 0.01)]
+    gap = np.inf
+    for j, i, height in places:
+        dy, dx = np.abs(y - j * grid.ny), np.abs(x - i * grid.nx)
+        dy, dx = np.minimum(dy, grid.ny - dy), np.minimum(dx, grid.nx - dx)
+        gap = np.minimum(gap, 0.05 * (dx**2 + dy**2) + height)
+    gap[grid.ny // 2, grid.nx // 2] = 0.05
+    return gap
+
+
+def solve(problem, options=None, **loading):
+    with ContactSolver(problem, options=options) as solver:
+        return solver.solve(**loading)
+
+
+@pytest.mark.parametrize("bodies", BODIES.values(), ids=BODIES)
+@pytest.mark.parametrize("periodic", ["spectral", "love", "x", "y"])
+@pytest.mark.parametrize("dx", [1.0, 1.6])
+def test_lists_give_the_solution_up_to_their_bound(dx, periodic, bodies, forced, monkeypatch):
+    grid = patch(periodic, dx)
+    problem = ContactProblem(grid, bodies, surface(grid, np.random.default_rng(3)))
+    operator, u = InfluenceOperator(grid, problem.kernel), np.empty(grid.shape)
+
+    def energy(p):
+        operator.exact_displacement(p, u)
+        return np.sqrt(max(np.vdot(p, u), 0.0))
+
+    for rtol in (1e-4, 1e-8):
+        for load in (0.01, 1.0):
+            with monkeypatch.context() as usual:
+                usual.setattr(dilute, "MIN_CELLS", 10**9)
+                exact = solve(problem, TIGHT, load=load)
+            other = "mean_gap" if grid.doubly_periodic else "approach"
+            for loading in ({"load": load}, {other: getattr(exact, other)}):
+                found, count = solve(problem, {"lcp_rtol": rtol}, **loading), len(forced)
+                assert count and forced[-1] and found.converged and not found.fallbacks
+                allowed = found.error_bound * energy(found.pressure) + exact.error_bound * energy(
+                    exact.pressure
+                )
+                assert energy(found.pressure - exact.pressure) <= 1.001 * allowed
+                assert found.mean_gap == pytest.approx(exact.mean_gap, rel=1e-4)
+                gap = np.vdot(found.pressure, found.gap)
+                assert abs(gap) <= 1e-2 * found.pressure.sum() * np.abs(found.gap).max()
+
+
+def test_no_product_on_all_cells_before_the_displacement_is_used(forced):
+    grid = patch("spectral")
+    problem = ContactProblem(grid, HALF_SPACE, surface(grid, np.random.default_rng(3)))
+    with ContactSolver(problem) as solver:
+        found, target = solver.solve(load=0.1), solver.hierarchy.target
+        made = {"exact_product", "exact_inverse"}
+        assert forced == [True] and not made & vars(target).keys()
+        u = found.displacement
+        assert "exact_product" in vars(target)
+    assert abs(u.mean()) < 1e-12 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("changes", [{"hardness": 0.5}, {"holes": True}])
+def test_other_periodic_problems_are_solved_on_all_cells(changes, forced):
+    grid = patch("spectral")
+    gap = surface(grid, np.random.default_rng(3))
+    if changes.pop("holes", False):
+        gap[3, 4] = np.nan
+    with ContactSolver(ContactProblem(grid, HALF_SPACE, gap, **changes)) as solver:
+        assert solver.solve(load=0.1).converged
+        assert solver.solve(load=0.12).converged
+    assert forced == []
+
+
+def test_a_load_that_needs_all_cells_is_solved_after_a_dilute_one(forced, monkeypatch):
+    grid = patch("spectral")
+    problem = ContactProblem(grid, HALF_SPACE, surface(grid, np.random.default_rng(3)))
+    monkeypatch.setattr(dilute, "MAX_SHARE", 0.05)
+    with ContactSolver(problem) as solver:
+        few, many = solver.solve(load=0.01), solver.solve(mean_pressure=0.5)
+    assert forced == [True, False] and few.converged and many.converged
+    monkeypatch.setattr(dilute, "MIN_CELLS", 10**9)
+    usual = solve(problem, mean_pressure=0.5)
+    np.testing.assert_allclose(many.pressure, usual.pressure, atol=1e-5 * usual.pressure.max())
