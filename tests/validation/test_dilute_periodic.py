@@ -99,16 +99,29 @@ def test_no_product_on_all_cells_before_the_displacement_is_used(forced):
     assert abs(u.mean()) < 1e-12 * np.abs(u).max()
 
 
-@pytest.mark.parametrize("changes", [{"hardness": 0.5}, {"holes": True}])
-def test_other_periodic_problems_are_solved_on_all_cells(changes, forced):
+def test_a_hardness_in_both_directions_is_solved_on_all_cells(forced):
     grid = patch("spectral")
-    gap = surface(grid, np.random.default_rng(3))
-    if changes.pop("holes", False):
-        gap[3, 4] = np.nan
-    with ContactSolver(ContactProblem(grid, HALF_SPACE, gap, **changes)) as solver:
+    problem = ContactProblem(grid, HALF_SPACE, surface(grid, np.random.default_rng(3)), hardness=0.5)
+    with ContactSolver(problem) as solver:
         assert solver.solve(load=0.1).converged
         assert solver.solve(load=0.12).converged
     assert forced == []
+
+
+@pytest.mark.parametrize(("periodic", "hardness"), [("spectral", None), ("x", None), ("x", 0.2)])
+def test_holes_and_hardness_are_those_on_all_cells(periodic, hardness, forced, monkeypatch):
+    grid = patch(periodic)
+    gap = surface(grid, np.random.default_rng(3))
+    gap[20:25, 30:60] = gap[38, 38] = np.nan  # beside and in a contact spot
+    problem = ContactProblem(grid, HALF_SPACE, gap, hardness=hardness)
+    found = solve(problem, {"lcp_rtol": 1e-9}, load=0.5)
+    assert forced == [True]
+    monkeypatch.setattr(dilute, "MIN_CELLS", 10**9)
+    usual = solve(problem, {"lcp_rtol": 1e-9}, load=0.5)
+    assert (found.contact == usual.contact).all()
+    np.testing.assert_allclose(found.pressure, usual.pressure, atol=1e-5 * usual.pressure.max())
+    for name in ("mean_gap", "contact_area", "approach", "max_pressure"):
+        assert getattr(found, name) == pytest.approx(getattr(usual, name), rel=1e-5)
 
 
 def test_a_load_that_needs_all_cells_is_solved_after_a_dilute_one(forced, monkeypatch):
