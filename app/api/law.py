@@ -32,6 +32,7 @@ from app.base.errors import (
     plain_number,
     warn_caller,
 )
+from app.base.progress_bar import progress_bar
 from app.base.types import ArrayLike, DataFrame, PathLike
 from app.base.usage import usage
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
@@ -61,11 +62,14 @@ class ContactLaw:
     error : float
         Largest relative change of the interpolated load at a given approach, when the middle of an interval was added.
         A smooth law is 16 times as accurate; one with few cells in contact, whose stiffness has steps, is not.
+    notes : list of list of str
+        Notes (warnings) of each load's solution.
     """
 
     def __init__(self, rows: Iterable[dict[str, Any]], error: float = np.nan, rank: int = 0) -> None:
         rows = sorted(rows, key=lambda row: row["load"])
-        names = dict.fromkeys(name for row in rows for name in row)
+        self.notes = [row.get("notes", []) for row in rows]
+        names = dict.fromkeys(name for row in rows for name in row if name != "notes")
         self.table = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
         self.error, self._rank = error, rank
 
@@ -178,6 +182,7 @@ class Laws:
         friction: float | None = None,
         tangential_share: float | None = None,
         max_points: int = 200,
+        progress: bool = False,
         **loadings: Sequence[float] | None,
     ) -> ContactLaw:
         """Solve for a range of loads, so close that interpolation is accurate.
@@ -196,8 +201,11 @@ class Laws:
             the table has three columns of `slip`.
         max_points : int
             Largest number of solved loads, at least 3. A RuntimeWarning is issued if it does not suffice.
-        **loadings : pair of float
-            Smallest and largest load [N], or mean_pressure [N/mm2], positive; exactly one of the two.
+        progress : bool
+            Show the number of solved loads (tqdm) on rank 0.
+        **loadings : sequence of float
+            Smallest and largest load [N], or mean_pressure [N/mm2], positive; exactly one of the two. Numbers between
+            them are solved first, by default one for each decade, and at least one.
 
         Returns
         -------
@@ -214,7 +222,8 @@ class Laws:
         check_equal_on_ranks(
             self.comm, (kind, ends, tolerance, flow, friction, tangential_share, max_points), "law"
         )
-        first, last = _check_range(kind, ends)
+        starts = _check_range(kind, ends)
+        first, last = starts[0], starts[-1]
         _check_positive(tolerance=tolerance)
         if not isinstance(max_points, Integral) or max_points < 3:
             raise InputError(f"law: max_points {max_points}: must be a whole number from 3")
@@ -233,27 +242,33 @@ class Laws:
                 )
             load = first if kind == "load" else first * self.problem.grid.area
             ratio = self._check_slip(load, friction, [friction * tangential_share * load])
-        solve = partial(self._law_row, kind, flow, ratio, friction, tangential_share)
-        starts = np.geomspace(first, last, min(max_points, max(3, ceil(log10(last / first)) + 1))).tolist()
-        rows = {number: solve(number) for number in reversed(starts)}
-        pending, error = [(*ends, np.inf) for ends in pairwise(starts)], 0.0
-        while pending and len(rows) + len(pending) <= max_points:
-            halves = []
-            for low, high, _ in pending:
-                middle = sqrt(low * high)
-                rows[middle] = row = solve(middle)
-                wrong = _load_error([rows[low], rows[high]], row)
-                if wrong > tolerance:
-                    halves += [(low, middle, wrong), (middle, high, wrong)]
-                else:
-                    error = max(error, wrong)
-            pending = halves
+        if len(starts) == 2:
+            starts = np.geomspace(
+                first, last, min(max_points, max(3, ceil(log10(last / first)) + 1))
+            ).tolist()
+        if len(starts) > max_points:
+            raise InputError(f"law: max_points {max_points}: must be at least {len(starts)}, the first loads")
+        with progress_bar(self.comm.rank if progress else 1, desc="law", unit="load") as bar:
+            solve = partial(self._law_row, bar, kind, flow, ratio, friction, tangential_share)
+            rows = {number: solve(number) for number in reversed(starts)}
+            pending, error = [(*ends, np.inf) for ends in pairwise(starts)], 0.0
+            while pending and len(rows) + len(pending) <= max_points:
+                halves = []
+                for low, high, _ in pending:
+                    middle = sqrt(low * high)
+                    rows[middle] = row = solve(middle)
+                    wrong = _load_error([rows[low], rows[high]], row)
+                    if wrong > tolerance:
+                        halves += [(low, middle, wrong), (middle, high, wrong)]
+                    else:
+                        error = max(error, wrong)
+                pending = halves
         if pending:
             error = max(wrong for _, _, wrong in pending)
             warn_caller(f"law: {len(rows)} loads do not suffice, the error is {error:.1e}; raise max_points")
         return ContactLaw(list(rows.values()), error, self.comm.rank)
 
-    def _law_row(self, kind, flow, ratio, friction, share, number):
+    def _law_row(self, bar, kind, flow, ratio, friction, share, number):
         """Solve for one load; return its row. Collective."""
         solution = self.with_stiffness(self.solve(**{kind: number}))
         if not 0 < solution.stiffness < np.inf:
@@ -269,7 +284,10 @@ class Laws:
         if friction is not None:
             slip = self._slip(solution, ratio, friction, friction * share * solution.load)
             row |= {name: getattr(slip, name) for name in _SLIP}
-        return row | {"error_bound": solution.error_bound, "converged": solution.converged}
+        bar.update()
+        return row | {
+            "error_bound": solution.error_bound, "converged": solution.converged, "notes": solution.notes,
+        }  # fmt: skip
 
 
 def _load_error(ends, middle):
@@ -280,19 +298,20 @@ def _load_error(ends, middle):
 
 
 def _check_range(kind, ends):
-    """Return the smallest and the largest load of a law, checked."""
+    """Return the loads of a law that are solved first, checked."""
     if kind not in ("load", "mean_pressure"):
         raise InputError(f"law: {kind}: give a range of load or mean_pressure")
-    if np.shape(ends) != (2,):
+    if np.ndim(ends) != 1 or len(ends) < 2:
         raise InputError(
-            f"law: {kind}: must be two numbers, the smallest and the largest [{LOADINGS[kind].unit}]"
+            f"law: {kind}: must be two numbers or more, the smallest first, the largest last [{LOADINGS[kind].unit}]"
         )
-    first, last = (validate_number(kind, number) for number in ends)
-    if not 0 < first < last:
-        raise InputError(
-            f"law: {kind} {format_exact(first)} to {format_exact(last)}: must be positive and increase"
-        )
-    return first, last
+    starts = [validate_number(kind, number) for number in ends]
+    for low, high in pairwise(starts):
+        if not 0 < low < high:
+            raise InputError(
+                f"law: {kind} {format_exact(low)} to {format_exact(high)}: must be positive and increase"
+            )
+    return starts
 
 
 def _check_positive(**numbers):

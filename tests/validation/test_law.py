@@ -132,7 +132,7 @@ def test_files_have_the_table(law, tmp_path):
 @pytest.mark.parametrize(
     ("problem", "given", "message"),
     [
-        (BALL, {"load": 5}, r"two numbers, the smallest and the largest \[N\]"),
+        (BALL, {"load": 5}, r"two numbers or more, the smallest first, the largest last \[N\]"),
         (BALL, {"load": (50, 5)}, "must be positive and increase"),
         (BALL, {"load": (0, 5)}, "must be positive and increase"),
         (BALL, {"approach": (0.001, 0.002)}, "give a range of load or mean_pressure"),
