@@ -43,12 +43,11 @@ def cli_here(capfd, monkeypatch):
 
     import app
     from app.base import numba_cache
-    from app.cli import session
-    from app.cli.solve import main
+    from app.cli import session, solve
 
     vars(app).pop("solve", None)  # which the module has hidden
 
-    def run_solve(*arguments, methods=(), cwd=processes.TESTS.parent):
+    def run_solve(*arguments, methods=(), cwd=processes.TESTS.parent, main=solve.main):
         line = [*processes.solve_arguments(*methods)[1:], *map(str, arguments)]
         capfd.readouterr()
         handler, before = signal.getsignal(signal.SIGPIPE), PETSc.Options().getAll()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app.cli import arguments, load_path
 from app.cli.geometry_options import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
+from app.cli.law import ARGUMENTS
 from app.cli.problem_options import LOADING, PROBLEM_OPTIONS
 from app.contact.tilting_input import TILTING
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
@@ -68,6 +69,14 @@ _COMMANDS = """
 ## Other commands
 
 The page [commands](commands.md) describes the commands. Each command also has `--help` and `--version`.
+"""
+_LAW = """
+### python -m app.law
+
+Compute a [contact law](law.md), on any number of ranks. The options of problem, materials, surfaces and method are
+those of `app.solve`, and so are `-load_path`, `-mean_pressure_path` and `-flow`. `-output`, or `-o`, is the file for
+the table. Further options are:
+
 """
 
 
@@ -177,6 +186,9 @@ def page():
     parts.append(_LINEAR)
     parts.append(_COMMANDS)
     for module in commands():
+        if module == "app.law":
+            parts.append(_LAW + options_table(ARGUMENTS))
+            continue
         parser = parser_of(module)
         parts.append(f"\n### {parser.prog}\n\n{parser.description}\n\n{command_table(parser)}")
     return "".join(parts)

@@ -48,7 +48,7 @@ def make_problem(options, texts, comm):
     reader of the options of a user-defined problem (``-problem python``), which is empty for other problems.
     """
     name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
-    if options.given("stiffness") and options["stiffness"]:
+    if options["stiffness"]:
         material = material.conducting(options["resistivity"], options["thermal_conductivity"])
     shape = None if name == "python" else _make_shape(name, options, material)
     measured = _read_measured(options)

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import contextmanager
+from functools import partial
 
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.quantities import ESTIMATED
@@ -71,12 +72,77 @@ _PRESCRIBED = {name: loading.unit for name, loading in LOADINGS.items()} | {"lin
 LOADING = (*_PRESCRIBED, *(f"{name}_path" for name in LOADINGS))
 
 
-class Request:
-    """Task of app.solve, checked before any work. Collective.
+class ProblemRequest:
+    """Problem, method and output of a command, checked before any work. Collective.
 
     Attributes
     ----------
     problem : app.problems.problem.Problem
+    flow : bool
+    method : dict of str to dict
+        Option file -> its options for the solver, which checks them.
+    options : dict of str to str
+        Options of the command line for the solver.
+    texts : dict of str to str
+        Options of problem, loading and output.
+    output : str or None
+    """
+
+    table = PROBLEM_OPTIONS
+    loadings = _PRESCRIBED  # name -> unit of those that the command names if none is given
+    files = {}  # noqa: RUF012  arguments of `check_output_path`, if not for a result file
+
+    def __init__(self, parsed, comm):
+        from app.cli.geometry import make_problem  # -help does without MPI
+        from app.flow.gap_flow import PREFIX, set_options
+        from app.io.files import check_output_path, check_shared_folder, hash_samples
+
+        texts, inputs = parsed.texts, list_input_files(parsed.texts)
+        options, check_path = (
+            resolve_alternatives(parsed, self.table),
+            partial(check_output_path, **self.files),
+        )
+        self.output = call_collectively(comm, options.__getitem__, "output")
+        if self.output:
+            call_collectively(comm, check_path, self.output, [*parsed.files, *inputs])
+            check_shared_folder(comm, self.output)
+        call_collectively(comm, options.__getitem__, "problem")
+        kind, value = read_loading(parsed, options, self.loadings)  # the default patch depends on it
+        self.problem, own = call_collectively(comm, make_problem, options, texts, comm)
+        for name in sorted(own.asked & texts.keys()):
+            inputs += list_named_files(texts[name])
+        if self.output:
+            call_collectively(comm, check_path, self.output, inputs)
+        for file in inputs:
+            check_equal_on_ranks(comm, call_collectively(comm, hash_samples, file), f"input {file}")
+        self.read_task(kind, value, options, parsed, inputs, comm)
+        self.flow = options["flow"]
+        flow_options = {name for name in texts if name.startswith(PREFIX)}
+        if not self.flow and (names := flow_options & parsed.explicit_names()):
+            raise InputError(f"-{min(names)}: needs -flow")
+        call_collectively(comm, set_options, {name: texts[name] for name in flow_options})
+        if names := set(options.unused()) - own.asked:
+            unused = [option for option in self.table if option.name in names]
+            one = f"has no effect here; it is: {unused[0].meaning}"
+            effect = one if len(unused) == 1 else "have no effect here"
+            raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
+        problem_names = {option.name for option in self.table} | own.asked | flow_options
+        self.method, self.options = parsed.split_by_source(texts.keys() - problem_names)
+        known, unknown = _split_unknown(parsed.explicit_names(), self.table, own.names)
+        if misspelt := [name for name in unknown if find_similar_name(name, known)]:
+            raise InputError(describe_unknown_options(misspelt, known))
+        self.texts = {name: texts[name] for name in texts.keys() & problem_names}
+
+    def read_task(self, kind, value, options, parsed, inputs, comm):
+        """Read what to compute, with the loading `kind`, from the reader `options`. Collective."""
+        raise NotImplementedError
+
+
+class Request(ProblemRequest):
+    """Task of app.solve.
+
+    Attributes
+    ----------
     loading : dict
         Prescribed quantity -> value, as for `app.api.solver.ContactSolver.solve`; empty for a load path.
     tilting : dict
@@ -85,35 +151,12 @@ class Request:
     refine_until, refine_max : number or None
     quantities : tuple of str
         Numbers whose errors must be below `refine_until`.
-    stiffness, flow : bool
-    method : dict of str to dict
-        Option file -> its options for the solver, which checks them.
-    options : dict of str to str
-        Options of the command line for the solver.
-    texts : dict of str to str
-        Options of problem, loading and output.
-    output, title : str or None
+    stiffness : bool
+    title : str or None
     """
 
-    def __init__(self, parsed, comm):
-        from app.cli.geometry import make_problem  # -help does without MPI
-        from app.flow.gap_flow import PREFIX, set_options
-        from app.io.files import check_output_path, check_shared_folder, hash_samples
-
-        texts, options, inputs = parsed.texts, resolve_alternatives(parsed), list_input_files(parsed.texts)
-        self.output = call_collectively(comm, options.__getitem__, "output")
-        if self.output:
-            call_collectively(comm, check_output_path, self.output, [*parsed.files, *inputs])
-            check_shared_folder(comm, self.output)
-        call_collectively(comm, options.__getitem__, "problem")
-        kind, value = read_loading(parsed, options)  # the default patch depends on it
-        self.problem, own = call_collectively(comm, make_problem, options, texts, comm)
-        for name in sorted(own.asked & texts.keys()):
-            inputs += list_named_files(texts[name])
-        if self.output:
-            call_collectively(comm, check_output_path, self.output, inputs)
-        for file in inputs:
-            check_equal_on_ranks(comm, call_collectively(comm, hash_samples, file), f"input {file}")
+    def read_task(self, kind, value, options, parsed, inputs, comm):
+        """Read loading, load path and refinement. Collective."""
         self.tilting = {name: options[name] for name in TILTING if options.given(name)}
         self.loading = {kind: value} | self.tilting
         self.path, self.refine_until = None, options["refine_until"]
@@ -128,31 +171,16 @@ class Request:
             self.quantities = tuple(names.get(name, name) for name in options["refine_for"])
             self.refine_max = options["refine_max"]
         self.title = options["title"] if self.output else None
-        self.stiffness, self.flow = options["stiffness"], options["flow"]
-        flow_options = {name for name in texts if name.startswith(PREFIX)}
-        if not self.flow and (names := flow_options & parsed.explicit_names()):
-            raise InputError(f"-{min(names)}: needs -flow")
-        call_collectively(comm, set_options, {name: texts[name] for name in flow_options})
-        if names := set(options.unused()) - own.asked:
-            unused = [option for option in PROBLEM_OPTIONS if option.name in names]
-            one = f"has no effect here; it is: {unused[0].meaning}"
-            effect = one if len(unused) == 1 else "have no effect here"
-            raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
-        problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked | flow_options
-        self.method, self.options = parsed.split_by_source(texts.keys() - problem_names)
-        known, unknown = _split_unknown(parsed.explicit_names(), own.names)
-        if misspelt := [name for name in unknown if find_similar_name(name, known)]:
-            raise InputError(describe_unknown_options(misspelt, known))
-        self.texts = {name: texts[name] for name in texts.keys() & problem_names}
+        self.stiffness = options["stiffness"]
 
 
 @contextmanager
-def suggest_names(parsed):
+def suggest_names(parsed, table=PROBLEM_OPTIONS):
     """Add suggestions for misspelt options to an InputError in a ``with`` block."""
     try:
         yield
     except InputError as error:
-        known, unknown = _split_unknown(parsed.explicit_names())
+        known, unknown = _split_unknown(parsed.explicit_names(), table)
         if parsed.texts.get("problem") == "python":  # it may have options of its own
             unknown = [name for name in unknown if find_similar_name(name, known)]
         unknown = [name for name in unknown if f"-{name}" not in str(error)]
@@ -161,32 +189,33 @@ def suggest_names(parsed):
         raise InputError(f"{describe_unknown_options(unknown, known)}; {error}") from None
 
 
-def _split_unknown(names, own=()):
+def _split_unknown(names, table, own=()):
     """Return the known option names, and the unknown names in `names`.
 
     `own` are further known names. Names that only PETSc can check do not count as unknown.
     """
-    known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
+    known = [*(option.name for option in (*table, *METHOD_OPTIONS)), *own]
     others = names - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _SOLVER_OPTION.search(name)]
 
 
-def resolve_alternatives(parsed):
+def resolve_alternatives(parsed, table=PROBLEM_OPTIONS):
     """Remove overridden exclusive options; return a reader of the remaining options.
 
     Raises InputError if one source sets several options that exclude each other.
     """
     for alternatives in (LOADING, TILTING, *ALTERNATIVES):
         parsed.select_alternative(alternatives)
-    return OptionReader(PROBLEM_OPTIONS, parsed.texts)
+    return OptionReader(table, parsed.texts)
 
 
-def read_loading(parsed, options):
+def read_loading(parsed, options, loadings=_PRESCRIBED):
     """Return the prescribed quantity and its value, or a path's values.
 
-    `options` is the reader from `resolve_alternatives`. Raises InputError if the loading is missing or not allowed.
+    `options` is the reader from `resolve_alternatives`, `loadings` maps names for messages to units. Raises InputError
+    if the loading is missing or not allowed.
     """
-    *others, last = (f"-{name} [{unit}]" for name, unit in _PRESCRIBED.items())
+    *others, last = (f"-{name} [{unit}]" for name, unit in loadings.items())
     kind = parsed.select_alternative(LOADING, f"{', '.join(others)} nor {last}")
     if kind == "line_load":
         from app.cli.geometry import find_load  # -help does without MPI

@@ -7,6 +7,7 @@ import options_page
 import pytest
 from documents import PAGES, ROOT, anchors, files_named, links, options_named
 
+from app.cli.law import ARGUMENTS as LAW_ARGUMENTS
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, find_method_file
 
@@ -19,8 +20,8 @@ NAV = next(
     for node in ast.parse((DOCS / "conf.py").read_text(encoding="utf-8")).body
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
-KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
-OTHERS = {"options_file", "skip_petscrc", "help", "citations", "cone_slope"}
+KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS, *LAW_ARGUMENTS)}
+OTHERS = {"options_file", "o", "skip_petscrc", "help", "citations", "cone_slope"}
 OTHERS |= {"contact_area", "contact_area_path"}  # of an example
 PETSCS = re.compile(
     r"((punch_|gear_|flow_)?(ksp|pc)|mg_levels|mg_coarse|snes|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
