@@ -119,7 +119,8 @@ def compliance_ratio(material):
         )
     if material.bodies == {}:
         raise InputError(
-            "slip: E* alone does not give the tangential compliance; make the material by Material.pair"
+            "slip: E* alone does not give the tangential compliance; give the moduli of both bodies "
+            "(Material.pair, -young and -poisson)"
         )
     if material.bodies:
         young, nu = (np.array(material.bodies[name]) for name in ("young", "poisson"))

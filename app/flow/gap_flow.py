@@ -11,6 +11,7 @@ from app.flow.conserving_flux import FluxRepair
 from app.flow.network import Network
 from app.flow.percolation import find_percolating_sets
 from app.flow.results import DirectedFlow, Flow
+from app.flow.two_grid import TwoGrid
 from app.halfspace.grid import Grid
 from app.options.solver_options import is_used, temporary_options
 from app.parallel.reductions import minimum_over
@@ -18,8 +19,8 @@ from app.parallel.slabs import Slabs, none_if_single
 
 PREFIX = "flow_"
 MAX_ERROR = 1e-4  # of the flow rate; if the bounds differ by more, the linear solve continues
-_RTOL = 1e-5  # of the linear solve, in its energy norm
-_SOLVES = 20  # largest number of linear solves
+_RTOL = 3e-5  # of the linear solve, in its energy norm
+_SOLVES = 10  # largest number of linear solves
 _NARROW = 1e-8  # part of the flow rate that the faces may contribute which the lower bound leaves out
 _PRINTS = re.compile("view|monitor|reason")
 _DEFAULTS = {"ksp_type": "cg", "ksp_norm_type": "natural", "ksp_converged_use_initial_residual_norm": ""}
@@ -106,7 +107,7 @@ class _PressureSolver:
     Both directions of a periodic patch have the same matrix, if the same cells percolate.
     """
 
-    _network, _parts = None, ()
+    _network, _parts = None, ()  # KSP, vectors x and b, matrix
 
     def __enter__(self):
         return self
@@ -119,45 +120,57 @@ class _PressureSolver:
 
     def _set_up(self, network, sets, count):
         self.__exit__(None, None, None)
-        matrix, self._ties = network.assemble(sets, count)
-        ksp, (x, b) = PETSc.KSP().create(matrix.getComm()), matrix.createVecs()
-        self._parts, self._network, self._repair = (ksp, x, b, matrix), network, None
+        self._ties, comm = network.tie(sets, count), network.comm or PETSc.COMM_SELF
+        context, sizes = TwoGrid(network, self._ties, PREFIX), (network.is_open.size, network.grid.n)
+        matrix, ksp = PETSc.Mat().createPython((sizes, sizes), context, comm=comm), PETSc.KSP().create(comm)
+        matrix.setUp()
+        x, b = matrix.createVecs()
+        self._parts, self._network, self._repair = (ksp, x, b, matrix, context), network, None
         ksp.setOptionsPrefix(PREFIX)
         ksp.setOperators(matrix)
+        ksp.getPC().setOptionsPrefix(f"{PREFIX}cells_")  # its options are those of the coarse matrix
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(context)
         ksp.setInitialGuessNonzero(True)
+        ksp.setConvergenceTest(self._test)
         try:
             ksp.setFromOptions()
+            context.solver.setFromOptions()
         except PETSc.Error as error:
             raise InputError(f"solver options: {error_message(error)}") from None
         if not 0 <= ksp.rtol < np.inf:
             raise InputError(f"solver options: -{PREFIX}ksp_rtol {ksp.rtol:g}: must be at least 0")
 
+    def _test(self, ksp, _, norm):
+        """Return PETSc's reason to stop, or None. Collective."""
+        if not norm < np.inf:
+            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
+        if norm > self._rtol * self._energy**0.5:
+            return None
+        pressure = ksp.getSolution().getArray(readonly=True).reshape(self._ties.shape)
+        self._energy = self._network.energy(pressure)  # has become smaller
+        return PETSc.KSP.ConvergedReason.CONVERGED_ATOL if norm <= self._rtol * self._energy**0.5 else None
+
     def solve(self, network, sets, count):
         """Return pressure, both bounds of the flow rate, and conserving fluxes. Collective.
 
         In the energy norm, the square of the error is the energy of the pressure minus the flow rate. So the tolerance
-        is relative to the root of the energy. It is renewed when the energy has become much smaller, and is made
-        stricter if the bounds are not close enough, unless the user has set it.
+        is relative to the root of the energy. It is made stricter if the bounds are not close enough, unless the user
+        has set it.
         """
         if self._network is None or not network.has_conductances_of(self._network):
             self._set_up(network, sets, count)
-        ksp, x, b, _ = self._parts
-        pressure = start = network.linear_pressure()
-        source = network.excess(network.fluxes(np.zeros(start.shape))) + self._ties * start
-        b.setArray(source[network.is_open])
-        x.setArray(start[network.is_open])
-        options = PETSc.Options(PREFIX)
-        rtol, is_fixed = options.getReal("ksp_rtol", _RTOL), options.hasName("ksp_rtol")
-        energy, lower, upper = network.energy(start), 0.0, np.inf
-        for solves_left in reversed(range(_SOLVES)):
-            ksp.setTolerances(rtol=0, atol=rtol * energy**0.5, divtol=1e300)
+        ksp, x, b, *_ = self._parts
+        options, start, self._network = PETSc.Options(PREFIX), network.linear_pressure(), network
+        b.setArray(network.excess(network.fluxes(np.zeros(start.shape))) + self._ties * start)
+        x.setArray(start)
+        self._rtol, is_fixed = options.getReal("ksp_rtol", _RTOL), options.hasName("ksp_rtol")
+        self._energy, lower, upper = network.energy(start), 0.0, np.inf
+        for _ in range(_SOLVES):
             ksp.solve(b, x)
-            pressure, before = np.zeros(start.shape), energy
-            pressure[network.is_open] = x.getArray(readonly=True)
+            pressure = x.getArray().reshape(start.shape)
             if not (energy := network.energy(pressure)) < np.inf:  # the linear solver has failed
-                pressure, energy = start, before
-            elif solves_left and energy < before / 2 and ksp.getConvergedReason() > 0:
-                continue
+                pressure, energy = start, network.energy(start)
             lowest = _NARROW * energy / (2 * network.grid.n)
             if self._repair is None or self._repair.lowest > 100 * lowest:
                 self._repair = FluxRepair(network, lowest)
@@ -165,5 +178,5 @@ class _PressureSolver:
             difference, lower, upper = upper - lower, max(lower, bound), min(upper, energy)
             if is_fixed or upper - lower <= MAX_ERROR * upper or upper - lower > difference / 2:
                 break
-            rtol /= 100
-        return pressure, lower, upper, fluxes
+            self._rtol /= 10
+        return pressure.copy(), lower, upper, fluxes

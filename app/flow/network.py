@@ -1,8 +1,6 @@
 """Conductances between neighbouring cells, and the sums over their faces."""
 
 import numpy as np
-from petsc4py import PETSc
-from scipy.sparse import coo_matrix
 
 from app.parallel.halo import Halo
 
@@ -41,7 +39,7 @@ class Network:
     """
 
     def __init__(self, cubes, grid, along, slabs, comm=None):
-        self.grid, self.slabs, self.along, self._comm, self._cubes = grid, slabs, along, comm, cubes
+        self.grid, self.slabs, self.along, self.comm, self._cubes = grid, slabs, along, comm, cubes
         self.is_open, (rows, nx) = cubes > 0, cubes.shape
         repeats_y, self.repeats_x = grid.repeats
         self._has_period = grid.repeats[along == "x"]
@@ -116,7 +114,7 @@ class Network:
 
     def allgather(self, value):
         """Return the values of all ranks. Collective."""
-        return self._comm.allgather(value) if self._comm else [value]
+        return self.comm.allgather(value) if self.comm else [value]
 
     def has_conductances_of(self, other):
         """Return whether another network has the same conductances. Collective."""
@@ -130,36 +128,23 @@ class Network:
         place = (columns + 0.5) / nx if self.along == "x" else (rows + 0.5) / ny
         return np.where(self.is_open, 1 - place, 0.0)
 
-    def assemble(self, sets, count):
-        """Return the matrix of the open cells, and the ties of cells. Collective.
-
-        A row of the matrix times P is the outflow of a cell. In each of the `count` sets of a patch that repeats in the
-        direction of the drop, P is known up to a constant. So the matrix ties one cell to a pressure that the caller
-        chooses. This changes no flux, because nothing flows in or out there.
-
-        Returns
-        -------
-        matrix : PETSc.Mat
-        ties : ndarray of float64, shape (local rows, nx)
-            Conductance between a cell and its given pressure; 0 in cells that are not tied.
-        """
-        local = np.cumsum(self.is_open, dtype=PETSc.IntType).reshape(sets.shape) * self.is_open
-        counts = self.allgather(np.count_nonzero(self.is_open))
-        number = (local + PETSc.IntType(sum(counts[: self.slabs.rank]))) * self.is_open  # from 1 on
+    def diagonal(self):
+        """Return the sum of the conductances of each cell's faces, shape (local rows, nx)."""
         in_x, in_y = self.conductances
-        diagonal, ties = in_x[:, :-1] + in_x[:, 1:] + in_y[:-1] + in_y[1:], np.zeros(sets.shape)
+        return in_x[:, :-1] + in_x[:, 1:] + in_y[:-1] + in_y[1:]
+
+    def tie(self, sets, count):
+        """Return the conductances between cells and given pressures, shape (local rows, nx). Collective.
+
+        In each of the `count` sets of a patch that repeats in the direction of the drop, P is known up to a constant.
+        So one cell of each set is tied to a pressure that the caller chooses. This changes no flux, because nothing
+        flows in or out there. All other cells have 0.
+        """
+        ties = np.zeros(sets.shape)
         if self._has_period:
-            first = np.full(count + 1, sum(counts) + 1)
-            first[sets.ravel()[::-1]] = number.ravel()[::-1]  # of several assignments the last one counts
-            tied = np.isin(number, np.min(self.allgather(first), axis=0)[1:])
-            ties[tied] = diagonal[tied]
-        (west, east), (south, north) = neighbours(self.pad(number))
-        columns = np.stack([south[:-1], west[:, :-1], number, east[:, 1:], north[1:]])
-        values = np.stack([-in_y[:-1], -in_x[:, :-1], diagonal + ties, -in_x[:, 1:], -in_y[1:]])
-        kept = (columns > 0) & self.is_open
-        rows = np.broadcast_to(local, columns.shape)[kept] - 1
-        size = counts[self.slabs.rank], sum(counts)
-        # The conversion adds entries of the same cells, as in periods that are two cells long.
-        matrix = coo_matrix((values[kept], (rows, columns[kept] - 1)), shape=size).tocsr()
-        arrays = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data
-        return PETSc.Mat().createAIJ((size, size), csr=arrays, comm=self._comm or PETSc.COMM_SELF), ties
+            numbers = np.arange(ties.size) + self.slabs.rows.start * self.grid.nx
+            first = np.full(count + 1, self.grid.n)
+            first[sets.ravel()[::-1]] = numbers[::-1]  # of several assignments the last one counts
+            tied = np.isin(numbers, np.min(self.allgather(first), axis=0)[1:]).reshape(sets.shape)
+            ties[tied] = self.diagonal()[tied]
+        return ties
