@@ -107,7 +107,7 @@ class _PressureSolver:
     Both directions of a periodic patch have the same matrix, if the same cells percolate.
     """
 
-    _network, _parts = None, ()  # KSP, vectors x and b, matrix
+    _network, _parts, _context = None, (), None  # KSP, vectors x and b, matrix; TwoGrid
 
     def __enter__(self):
         return self
@@ -115,17 +115,20 @@ class _PressureSolver:
     def __exit__(self, kind, error, trace):
         for part in self._parts:
             part.destroy()
+        if self._context:
+            self._context.free()
         if isinstance(error, PETSc.Error):
             raise to_input_error(error) from None
 
     def _set_up(self, network, sets, count):
         self.__exit__(None, None, None)
         self._ties, comm = network.tie(sets, count), network.comm or PETSc.COMM_SELF
-        context, sizes = TwoGrid(network, self._ties, PREFIX), (network.is_open.size, network.grid.n)
+        self._context = context = TwoGrid(network, self._ties, PREFIX)
+        sizes = network.is_open.size, network.grid.n
         matrix, ksp = PETSc.Mat().createPython((sizes, sizes), context, comm=comm), PETSc.KSP().create(comm)
         matrix.setUp()
         x, b = matrix.createVecs()
-        self._parts, self._network, self._repair = (ksp, x, b, matrix, context), network, None
+        self._parts, self._network, self._repair = (ksp, x, b, matrix), network, None
         ksp.setOptionsPrefix(PREFIX)
         ksp.setOperators(matrix)
         ksp.getPC().setOptionsPrefix(f"{PREFIX}cells_")  # its options are those of the coarse matrix
@@ -160,7 +163,7 @@ class _PressureSolver:
         """
         if self._network is None or not network.has_conductances_of(self._network):
             self._set_up(network, sets, count)
-        ksp, x, b, *_ = self._parts
+        ksp, x, b, _ = self._parts
         options, start, self._network = PETSc.Options(PREFIX), network.linear_pressure(), network
         b.setArray(network.excess(network.fluxes(np.zeros(start.shape))) + self._ties * start)
         x.setArray(start)

@@ -159,7 +159,7 @@ class TwoGrid:
         self.solver.setOptionsPrefix(prefix)
         self.solver.setOperators(self._matrix)
 
-    def destroy(self, _=None):
+    def free(self):
         """Destroy PETSc's objects. Collective."""
         for part in (self.solver, self._x, self._b, self._matrix):
             part.destroy()
