@@ -35,6 +35,7 @@ class Files:
     """Base of all cases: gap, grid, material, approach, load, hardness, and their file."""
 
     hardness = thickness = math.inf
+    dilute = False
 
     def known(self, control):
         """Return whether the value of "approach" or "load" is known."""
@@ -56,6 +57,7 @@ class Files:
             load=self.load,
             hardness=self.hardness,
             thickness=self.thickness,
+            dilute=self.dilute,
             contact_modulus=self.material.contact_modulus,
             shear_modulus=self.material.shear_modulus,
             poisson_ratio=self.material.poisson_ratio,
@@ -133,6 +135,58 @@ class Case(Files):
             "load_error": abs(load / self.load - 1) if control == "load" else 0.0,
         }
         return measures | {"penetration": found["penetration"], "miss": max(measures.values()) / TARGET}
+
+
+class DiluteCase(Case):
+    """A self-affine surface under a small load: few cells touch.
+
+    Parameters
+    ----------
+    name : str
+        Of `DILUTE_PROBLEMS`.
+    size : int
+    folder : Path
+    """
+
+    controls = ("load",)
+    dilute = is_square = True
+
+    def __init__(self, name, size, folder):
+        self.name, self.size = name, size
+        self.load, _ = DILUTE_PROBLEMS[name]
+        self.approach = math.nan
+        self.grid = Grid.from_domain(size, size, (0, 1, 0, 1))
+        self.material = Material.combined(0.7, 0.3)  # E* is 1 N/mm2
+        self.gap = dilute_gap(size)
+        self.stem = folder / f"dilute-{list(DILUTE_PROBLEMS).index(name)}-{size}"
+
+    def learn(self, pressure):
+        """Nothing: the load is prescribed."""
+
+    def unit(self):
+        """Not measured: the page has CPU seconds."""
+        return math.nan
+
+    def judge(self, pressure, control):
+        """Accuracy, number of contact cells, and largest pressure."""
+        found = super().judge(pressure, control)
+        return found | {
+            "contact_cells": int(np.count_nonzero(pressure > 0)),
+            "max_pressure": float(pressure.max()),
+        }
+
+
+def dilute_gap(size):
+    """Return the gap between a plane and a surface with waves of 12 to 0.165 `size` periods [mm]."""
+    ky, kx = np.fft.fftfreq(size, 1 / size), np.fft.rfftfreq(size, 1 / size)
+    q = np.hypot(ky[:, None], kx)
+    amplitude = np.zeros_like(q)
+    has_wave = (q >= 12) & (q <= 0.165 * size)
+    amplitude[has_wave] = q[has_wave] ** -1.8
+    phase = 2j * np.pi * np.random.default_rng(1811).random(q.shape)
+    height = np.fft.irfft2(amplitude * np.exp(phase), s=(size, size))
+    height *= 0.005 / height.std()
+    return height.max() - height
 
 
 class PeriodicCase(Files):
@@ -244,6 +298,14 @@ LAYER_PROBLEMS = {
     for load in (0.05, 0.3)
     for cells, poisson in ((1, 0.3), (1, 0.49), (10, 0.3), (100, 0.3))
 }
+# Loads [N] and the largest grid on which each is solved. The dense ones take ASPHER minutes on finer grids.
+DILUTE_PROBLEMS = {
+    "1.5e-5 N": (1.5e-5, 4096),
+    "1.5e-4 N": (1.5e-4, 4096),
+    "1.5e-3 N": (1.5e-3, 4096),
+    "0.017 N": (0.017, 2048),
+    "0.06 N": (0.06, 1024),
+}
 
 
 def warm_up_periodic(folder):
@@ -261,6 +323,11 @@ def warm_up_hardness(folder):
 def warm_up_layer(folder):
     """Write a small periodic problem with a layer, to be solved before anything is measured."""
     return LayerCase(next(iter(LAYER_PROBLEMS)), 64, folder).write()
+
+
+def warm_up_dilute(folder):
+    """Write a small problem of few contact cells, to be solved before anything is measured."""
+    return DiluteCase("1.5e-3 N", 128, folder).write()
 
 
 def warm_up(folder):

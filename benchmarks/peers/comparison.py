@@ -1,10 +1,13 @@
 """Solve one problem on one grid with every package that can."""
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 
 from benchmarks.peers.processes import say
 from benchmarks.peers.runs import Run
+
+MAX_RATIO = 2  # of the times of two variants of a package, for the slower one to be kept
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ def compare(case, ours, solvers, field, folder):
 
     The loading that the case does not state follows from our answer.
 
-    Remove variants from `field` that need more than twice the time of the best one of their package.
+    Remove variants from `field` that need more than `MAX_RATIO` times the time of the best one of their package.
     """
     say(f"{case.name} {case.size}^2")
     unit = case.unit()
@@ -43,12 +46,14 @@ def compare(case, ours, solvers, field, folder):
     for name, searches in solvers.items():
         groups = defaultdict(list)
         for search in filter(lambda search: case.known(search.control), searches):
-            groups[search.control].append((search, search(case, folder)))
+            group = groups[search.control]
+            quickest = min((run.seconds for _, run in group if run.accepted), default=math.inf)
+            group.append((search, search(case, folder, MAX_RATIO * quickest)))
         for control, found in groups.items():
-            best = min((run for _, run in found), key=Run.rank)
-            others[control].append(best)
+            search, best = min(found, key=lambda pair: pair[1].rank())
+            others[control].append(search.measure(case, folder, best) if best.accepted else best)
             for search, run in found:
-                if best.accepted and not (run.accepted and run.seconds <= 2 * best.seconds):
+                if best.accepted and not (run.accepted and run.seconds <= MAX_RATIO * best.seconds):
                     field[name].remove(search)
         unit = min(unit, case.unit())
     return [

@@ -23,15 +23,18 @@ class Peer:
     periodic: bool = True  # whether it takes part on periodic patches
     hardness: bool = False  # whether it takes part with a hardness
     layer: bool = False  # whether it takes part with a layer on a rigid base
+    dilute: bool = False  # whether it takes part with dilute contact
 
 
 PEERS = {
     "aspher": Peer(
         "aspher==0.1.3.post1",
         "Load only; square patches of square cells; contact everywhere. Also periodic contact, friction, and an FMM "
-        "product with very little memory per cell (here slower than its FFT). Its build finds Eigen from PyPI.",
+        "product with very little memory per cell. It is built for the instructions of this processor, with Eigen from "
+        "PyPI.",
         first="cmeel-eigen",  # headers that the build would otherwise fetch from elsewhere
-        build=(("CMAKE_PREFIX_PATH", "{site}/cmeel.prefix"),),
+        build=(("CMAKE_PREFIX_PATH", "{site}/cmeel.prefix"), ("CMAKE_ARGS", "-DASPHER_NATIVE=ON")),
+        dilute=True,
     ),
     "slippy": Peer(
         "slippy==0.5.2",

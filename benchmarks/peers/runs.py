@@ -13,6 +13,7 @@ from benchmarks.peers.processes import capture, reason, say
 OURS = "this project"
 TARGET = 1e-6
 TIGHTEST = 26  # tolerances are 10^(-k/2), k up to this
+REPEATS = 3  # solves of a measurement
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Run:
     tension: float = math.inf
     load_error: float = math.inf
     miss: float = math.inf
+    contact_cells: int = -1  # in dilute contact
+    max_pressure: float = math.nan  # in dilute contact
     failure: str = ""
 
     @property
@@ -74,8 +77,8 @@ class Solver:
         variant = f"{'periodic, ' * periodic}by {control}"
         return cls(sys.executable, "ours", OURS, variant, control, warmup, options)
 
-    def run(self, case, folder, tolerance=TARGET):
-        """Run the adapter once.
+    def run(self, case, folder, tolerance=TARGET, repeats=REPEATS):
+        """Run the adapter once; it solves up to `repeats` times.
 
         Returns
         -------
@@ -86,7 +89,7 @@ class Solver:
         answer = folder / "answer.npz"
         command = [
             self.python, ADAPTERS / f"{self.name}_adapter.py", "solve", case.file, self.warmup, answer,
-            self.variant, tolerance, self.options.budget,
+            self.variant, tolerance, repeats, self.options.budget,
         ]  # fmt: skip
         failure = ""
         try:
@@ -113,20 +116,23 @@ class Solver:
 
 
 class Search(Solver):
-    """Find the loosest tolerance that is accurate enough, and its fastest run."""
+    """Search for the loosest tolerance that is accurate enough, with one solve for each tolerance."""
 
     def __init__(self, python, name, variant, description, warmup, options):
         super().__init__(python, name, f"{name}: {variant}", variant, description["control"], warmup, options)
         self.start = round(-2 * math.log10(description["first_tolerance"]))
 
-    def __call__(self, case, folder):
-        """Return the fastest accepted run, else the most accurate one."""
+    def __call__(self, case, folder, limit):
+        """Return the fastest accepted run, else the most accurate one.
+
+        End at a solve of more than `limit` seconds.
+        """
         runs, k = {}, self.start
         bad, good = -1, None  # the tightest tolerance that was not enough, the loosest that was
         while bad < k <= TIGHTEST and k != good:
-            run, _ = self.run(case, folder, 10 ** (-k / 2))
+            run, _ = self.run(case, folder, 10 ** (-k / 2), repeats=1)
             runs[k] = run
-            if run.failure or run.miss == math.inf:
+            if run.failure or run.miss == math.inf or run.seconds > limit:
                 break
             step = math.floor(2 * math.log10(run.miss)) if run.miss > 0 else 0
             if run.accepted:
@@ -146,3 +152,10 @@ class Search(Solver):
             self.start, best = min(accepted.items(), key=lambda item: item[1].seconds)
             return best
         return min(runs.values(), key=lambda run: (run.miss, run.seconds))
+
+    def measure(self, case, folder, found):
+        """Solve again with the tolerance that was found, several times; return that run."""
+        if 2 * found.seconds > self.options.budget:
+            return found
+        run, _ = self.run(case, folder, found.tolerance)
+        return found if run.failure else run

@@ -19,7 +19,8 @@ ONE_GRID = {
     "one grid": {"backend": "periodic"},
 }
 VARIANTS = {
-    name: Variant("load", 1e-6, how.get("backend") == "periodic") for name, how in (NESTED | ONE_GRID).items()
+    name: Variant("load", 1e-6, how.get("backend") == "periodic", dilute=how.get("active_set", False))
+    for name, how in (NESTED | ONE_GRID).items()
 }
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from ContactMechanics import FreeFFTElasticHalfSpace, PeriodicFFTElasticHalfSpace
 from ContactMechanics.Systems import NonSmoothContactSystem
 from NuMPI.Optimization.CCGWithoutRestart import constrained_conjugate_gradients
-from protocol import Outcome, Variant, serve
+from protocol import Counted, Outcome, Variant, serve
 from SurfaceTopography import Topography
 
 VARIANTS = {
@@ -35,6 +35,7 @@ def prepare(problem, variant):
         substrate = PeriodicFFTElasticHalfSpace(points, problem.contact_modulus, sizes, stiffness_q0=uniform)
     else:
         substrate = FreeFFTElasticHalfSpace(points, problem.contact_modulus, sizes)
+    product = substrate.evaluate_disp = Counted(substrate.evaluate_disp)  # the only place where it transforms
     heights = -(problem.gap if masked else problem.open_gap).T
     if masked and np.isnan(heights).any():
         heights = np.ma.masked_invalid(heights)
@@ -58,7 +59,7 @@ def prepare(problem, variant):
             thermotol=tolerance,
             maxiter=20000,
         )
-        return outcome(np.ma.filled(result.jac, 0.0), result.nit, result.nfev, result.success)
+        return outcome(np.ma.filled(result.jac, 0.0), result)
 
     def dual(tolerance):
         result = system.dual_minimize_proxy(
@@ -68,7 +69,7 @@ def prepare(problem, variant):
             gtol=tolerance * depth,
             maxiter=20000,
         )
-        return outcome(result.x.reshape(points), result.nit, 2 * result.nit + 1, result.success)
+        return outcome(result.x.reshape(points), result)
 
     def dual_by_force(tolerance):
         result = constrained_conjugate_gradients(
@@ -79,10 +80,11 @@ def prepare(problem, variant):
             gtol=tolerance * depth,
             maxiter=20000,
         )
-        return outcome(result.x.reshape(points), result.nit, 2 * result.nit + 1, result.success)
+        return outcome(result.x.reshape(points), result)
 
-    def outcome(force, iterations, products, success):
-        return Outcome(force.T / problem.cell_area, iterations, products, bool(success))
+    def outcome(force, result):
+        products, product.calls = product.calls, 0
+        return Outcome(force.T / problem.cell_area, result.nit, products, bool(result.success))
 
     if masked:
         return constrained
@@ -90,4 +92,4 @@ def prepare(problem, variant):
 
 
 if __name__ == "__main__":
-    serve(["ContactMechanics", "NuMPI", "muGrid", "numpy"], VARIANTS, prepare)
+    serve(["ContactMechanics", "SurfaceTopography", "NuMPI", "muGrid", "numpy"], VARIANTS, prepare)

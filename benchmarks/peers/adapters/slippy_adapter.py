@@ -8,22 +8,10 @@ import numpy as np
 import slippy
 
 slippy.CORES = 1
-from protocol import Outcome, Variant, serve  # noqa: E402
+from protocol import Counted, Outcome, Variant, serve  # noqa: E402
 from slippy.core import bccg, elastic_influence_matrix_spatial, plan_convolve, polonsky_and_keer  # noqa: E402
 
 VARIANTS = {"bccg": Variant("approach"), "polonsky_and_keer": Variant("load")}
-
-
-class Counted:
-    """A function that counts its calls."""
-
-    def __init__(self, function):
-        self.function, self.calls = function, 0
-
-    def __call__(self, *arguments):
-        """Call it."""
-        self.calls += 1
-        return self.function(*arguments)
 
 
 def prepare(problem, variant):
