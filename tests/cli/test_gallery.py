@@ -2,6 +2,7 @@
 
 import ast
 import runpy
+import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -110,6 +111,33 @@ def rough_surfaces(names):
     assert (share[light] < table["bush_gibson_thomas_fraction"][light]).all()
 
 
+def area_load(names):
+    """Kappa is that of the literature, and the corrected area of a coarse grid is right to a few percent."""
+    coarse, finest = names["tables"][128], names["tables"][512]
+    assert 2.2 < names["kappa"] < np.sqrt(2 * np.pi)
+    assert (finest["persson_fraction"] < finest["contact_fraction_corrected"]).all()
+    np.testing.assert_allclose(
+        coarse["contact_fraction_corrected"], finest["contact_fraction_corrected"], rtol=0.04
+    )
+    assert (coarse["contact_fraction"][:6] > 1.15 * finest["contact_fraction_corrected"][:6]).all()
+
+
+def data_set(names):
+    """The files have all samples and their units, and the maps agree with the numbers."""
+    import pandas
+    import xarray
+
+    assert names["table"].converged and len(names["frame"]) == 4
+    stored = pandas.read_parquet("data_set.parquet")
+    pandas.testing.assert_frame_equal(stored, names["frame"])
+    assert names["parquet"].read_schema("data_set.parquet").field("approach").metadata == {b"units": b"mm"}
+    with xarray.open_dataset("data_set.nc", engine="h5netcdf") as data:
+        found = [data[name].attrs["units"] for name in ("contact", "load", "x", "rms_slope")]
+        assert found == ["1", "N", "mm", "1"]
+        fraction = data.contact.mean(["x", "y"]).values
+    np.testing.assert_allclose(fraction, stored["contact_fraction"], rtol=1e-12)
+
+
 def leakage(names):
     """The leakage falls, and the gap closes near the percolation threshold of rough surfaces."""
     rate, is_open = names["rate"], names["is_open"]
@@ -125,10 +153,12 @@ def wear(names):
     assert volume == pytest.approx(names["k"] * names["load"] * path, rel=1e-9)
 
 
+ARGUMENTS = {"data_set": ["4"]}  # of scripts that take as many minutes as one likes
 CHECKS = {"two_bodies": ball_on_flat}
 for check in (
     *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, contact_law, creep),
     *(indentation, wheel_on_rail, measured_surface, rough_surfaces, leakage, tilted_roller, wear),
+    *(area_load, data_set),
 ):
     CHECKS[check.__name__] = check
 
@@ -136,7 +166,8 @@ for check in (
 @each_script
 def test_script_has_the_numbers_of_theory_and_makes_its_picture(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(script), *ARGUMENTS.get(script.stem, ())])
     plt.switch_backend("agg")
-    CHECKS[script.stem](runpy.run_path(str(script)))
+    CHECKS[script.stem](runpy.run_path(str(script), run_name="__main__"))
     assert (tmp_path / f"{script.stem}.png").is_file()
     plt.close("all")
