@@ -15,18 +15,42 @@ PACKAGES = {
     "tamaas": "Tamaas",
     "contactmechanics": "ContactMechanics",
 }
-# What the rows of a page are, in the order of the table.
-PATCHES = {
-    "benchmark-peers": "free patch",
-    "benchmark-peers-1024": "free patch",
-    "dilute": "free patch, less than 1% in contact",
-    "benchmark-peers-periodic": "periodic patch, partial contact",
-    "benchmark-peers-periodic-1024": "periodic patch, partial contact",
-    "benchmark-peers-layer": "periodic patch, layer on a rigid base",
-    "benchmark-peers-hardness": "periodic patch, with a hardness",
-}
 MAX_DILUTE = 1.0  # contact in percent
 FULL_CONTACT = "load 3"  # a problem of periodic patches whose solution is one product
+
+
+def every(row):
+    """Select all rows."""
+    return True
+
+
+def is_dilute(row):
+    """Select rows with little contact."""
+    return float(row["contact"].rstrip("%") or "inf") <= MAX_DILUTE
+
+
+def is_partial(row):
+    """Select rows without full contact."""
+    return row["problem"] != FULL_CONTACT
+
+
+def is_full(row):
+    """Select rows in full contact by load; an approach does not determine the mean pressure there."""
+    return row["problem"] == FULL_CONTACT and row["given"] == "load"
+
+
+# Rows of the table: a page, what its selected rows are, and which ones are selected.
+QUOTES = (
+    ("benchmark-peers", "free patch", every),
+    ("benchmark-peers-1024", "free patch", every),
+    ("dilute", "free patch, less than 1% in contact", is_dilute),
+    ("benchmark-peers-periodic", "periodic patch, partial contact", is_partial),
+    ("benchmark-peers-periodic-1024", "periodic patch, partial contact", is_partial),
+    ("benchmark-peers-periodic", "periodic patch, full contact", is_full),
+    ("benchmark-peers-periodic-1024", "periodic patch, full contact", is_full),
+    ("benchmark-peers-layer", "periodic patch, layer on a rigid base", every),
+    ("benchmark-peers-hardness", "periodic patch, with a hardness", every),
+)
 
 
 def rows_of(text):
@@ -39,15 +63,12 @@ def rows_of(text):
 def ratios_of(rows):
     """Return the ratios of times for each loading and package: {loading: {package: [ratio, ...]}}.
 
-    Rows without accurate answers of both programs have no ratio. Of dilute contact only rows below `MAX_DILUTE` count,
-    of periodic patches only those in partial contact.
+    Rows without accurate answers of both programs have no ratio.
     """
     found = {}
     for row in rows:
         package, _, variant = row["solver"].partition(": ")
-        is_dense = float(row.get("contact", "0").rstrip("%") or 0) > MAX_DILUTE
-        is_full = row.get("problem") == FULL_CONTACT
-        if variant and row["over ours"] and not row["note"] and not (is_dense or is_full):
+        if variant and row["over ours"] and not row["note"]:
             ratios = found.setdefault(row.get("given", "load"), {}).setdefault(package, [])
             ratios.append(float(row["over ours"]))
     return found
@@ -59,21 +80,18 @@ def spread(ratios):
     return " to ".join([*texts][:: max(len(texts) - 1, 1)])
 
 
-def quoted_table(folder=NOTEBOOK, link="notebook"):
-    """Return the table of ratios of all pages in `folder` that are there; `link` leads to them."""
+def quoted_table(folder=NOTEBOOK):
+    """Return the table of ratios of all pages in `folder`."""
     rows = []
-    for name, patch in PATCHES.items():
-        path = Path(folder) / f"{name}.md"
-        if not path.exists():
-            continue
-        page_rows = rows_of(path.read_text(encoding="utf-8"))
+    for name, patch, is_selected in QUOTES:
+        page_rows = rows_of((Path(folder) / f"{name}.md").read_text(encoding="utf-8"))
         sizes = sorted({int(row["grid"].partition("^")[0]) for row in page_rows})
         cells = "² to ".join(map(str, dict.fromkeys((sizes[0], sizes[-1])))) + "²"
         rows += [
             {"patch": patch, "cells": cells, "prescribed": loading}
             | {title: spread(ratios.get(package, [])) for package, title in PACKAGES.items()}
-            | {"rows": f"[{name}]({link}/{name}.md)"}
-            for loading, ratios in sorted(ratios_of(page_rows).items(), reverse=True)
+            | {"page": f"[{name}](notebook/{name}.md)"}
+            for loading, ratios in sorted(ratios_of(filter(is_selected, page_rows)).items(), reverse=True)
         ]
     return format_markdown(rows)
 

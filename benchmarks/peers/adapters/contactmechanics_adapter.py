@@ -8,9 +8,9 @@ from protocol import Counted, Outcome, Variant, serve
 from SurfaceTopography import Topography
 
 VARIANTS = {
-    "constrained CG": Variant("approach"),
     "dual, CG without restart": Variant("approach"),
     "dual, CG with restart": Variant("approach"),
+    "constrained CG": Variant("approach"),
     "constrained CG by force": Variant("load"),
     "periodic constrained CG by force": Variant("load", periodic=True),
     "periodic constrained CG by force, hardness": Variant("load", periodic=True, hardness=True),
