@@ -114,14 +114,17 @@ def main():
     if options.quote:
         write_quotes()
     elif options.all or len(sys.argv) == 1:
+        for name in ("sizes", "problems", "only", "limit", "budget", "output"):
+            if getattr(options, name) != parser.get_default(name):
+                parser.error(f"--{name}: has no effect with --all")
         names = (options.all or ",".join(PAGES)).split(",")
         check_names(parser, names, PAGES)
         for name in names:
             output = ["--environments", options.environments, "-o", str(NOTEBOOK / f"{name}.md")]
             started = time.perf_counter()
             write_page(parser, parser.parse_args([*PAGES[name], *output]), ["--all", name])
+            write_quotes()
             say(f"{name}: {(time.perf_counter() - started) / 60:.1f} minutes")
-        write_quotes()
     else:
         print(write_page(parser, options, sys.argv[1:]))
 

@@ -5,7 +5,7 @@ import pytest
 from app import ContactProblem, ContactSolver
 from benchmarks import iterations
 from benchmarks.peers import quotes
-from benchmarks.peers.__main__ import KINDS, PAGES, make_parser
+from benchmarks.peers.__main__ import KINDS, PAGES, main, make_parser
 from benchmarks.peers.cases import DiluteCase
 
 PAGE = """# Page
@@ -81,3 +81,18 @@ def test_iterations_keeps_numbers_and_forgets_failures(tmp_path):
     assert "10.5" in stem.with_suffix(".md").read_text() and (tmp_path / "counts.png").stat().st_size > 1000
     kept = iterations.read_rows(stem.with_suffix(".csv"))
     assert len(kept) == 9 and {row["cells"] for row in kept} == {64}
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--all", "--sizes", "64"], "--sizes: has no effect with --all"),
+        (["--all", "nothing"], "unknown: nothing"),
+        (["--dilute", "--only", "tamaas"], "unknown: tamaas"),
+    ],
+)
+def test_wrong_options_are_refused_before_any_work(words, what, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["run/bench-peers", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2 and what in capsys.readouterr().err
