@@ -76,7 +76,7 @@ def ratios_of(rows):
 
 def spread(ratios):
     """Return the smallest and the largest ratio as text."""
-    texts = dict.fromkeys(f"{ratio:.2g}" if ratio < 10 else f"{ratio:.0f}" for ratio in sorted(ratios))
+    texts = dict.fromkeys(f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}" for ratio in sorted(ratios))
     return " to ".join([*texts][:: max(len(texts) - 1, 1)])
 
 
