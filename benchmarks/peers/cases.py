@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cached_property, partial
+from time import process_time
 
 import numpy as np
 from mpi4py import MPI
@@ -106,9 +107,9 @@ class Case(Files):
         return PlainProduct(self.grid, self.material.kernel)
 
     def unit(self):
-        """Seconds of a plain product now."""
+        """Processor time of a plain product now [s]."""
         pressure = np.where(self.gap < self.approach, 1.0, 0.0)
-        return seconds(partial(self.product, pressure))
+        return seconds(partial(self.product, pressure), clock=process_time)
 
     def judge(self, pressure, control):
         """Accuracy of a pressure by one plain product; see `Run`.
@@ -230,8 +231,8 @@ class PeriodicCase(Files):
         self.approach = float(np.mean((self.gap + self.product(pressure))[pressure > 0]))
 
     def unit(self):
-        """Seconds of a plain product now."""
-        return seconds(partial(self.product, self.gap))
+        """Processor time of a plain product now [s]."""
+        return seconds(partial(self.product, self.gap), clock=process_time)
 
     def judge(self, pressure, control):
         """Accuracy of a pressure by one plain product; see `Run` and `check_periodic`."""

@@ -86,9 +86,9 @@ must end within the `--limit`.
 
 TEXT = (
     """\
-How it is measured: times are ratios to one *plain product*: zero-padded `scipy.fft.rfft2`, multiplication, `irfft2` on
-the same grid, one thread, measured in the same run. All solvers are called from Python with one thread, each in a
-process of its own, after a small problem that is not measured.
+How it is measured: times are ratios of processor times to that of one *plain product*: zero-padded `scipy.fft.rfft2`,
+multiplication, `irfft2` on the same grid, one thread, measured in the same run. All solvers are called from Python with
+one thread, each in a process of its own, after a small problem that is not measured.
 
 - `given`: the prescribed quantity. A load is that of our answer by approach.
 - `plain`, `seconds`: time of the solve without set-up, the shortest of up to three solves.
@@ -148,9 +148,9 @@ PERIODIC_TEXT = (
 The surfaces and loads are those of `run/bench --periodic`: self-affine on a period of 1 mm, Hurst exponent 0.8,
 roll-off 1/8, cut-off 8 cells, rms slope 0.1.
 
-How it is measured: times are ratios to one *plain product*: `scipy.fft.rfft2`, multiplication by the symbol, `irfft2`,
-without padding, one thread, measured in the same run. All solvers are called from Python with one thread, each in a
-process of its own, after a small problem that is not measured.
+How it is measured: times are ratios of processor times to that of one *plain product*: `scipy.fft.rfft2`,
+multiplication by the symbol, `irfft2`, without padding, one thread, measured in the same run. All solvers are called
+from Python with one thread, each in a process of its own, after a small problem that is not measured.
 
 - `load`: mean pressure over E* times the rms slope.
 - `given`: the prescribed quantity. Some solvers of ContactMechanics take an approach only; they get the approach of our
@@ -225,8 +225,8 @@ The elastic body is a layer of thickness t on a rigid base. E* below is that of 
 2 / (E* |q|) times the ratio for a layer (Johnson, *Contact Mechanics*, Sec. 5.8); all packages use the same one.
 
 - `t`: thickness of the layer in cells. `nu`: its Poisson's ratio.
-- Times are CPU times, and the plain product is measured in the process of the solver. Other programs may have run
-  meanwhile, so prefer `products`.
+- The plain product is measured in the process of the solver. Other programs may have run meanwhile, so prefer
+  `products`.
 
 """
     + PERIODIC_TEXT

@@ -14,6 +14,7 @@ of both times counts.
 
 import json
 import platform
+import resource
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -116,12 +117,13 @@ class Counted:
 
 
 def peak_memory():
-    """Return the peak resident size of this process in bytes.
+    """Return the peak resident size in bytes of this process, or of a larger one that it ran.
 
-    `resource` would include its parent's before exec.
+    `resource` would include, for this process, its parent's before exec.
     """
     status = Path("/proc/self/status").read_text().splitlines()
-    return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
+    own = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
+    return 1024 * max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 
 def unit_seconds(problem):
@@ -136,7 +138,7 @@ def unit_seconds(problem):
     return min(times)
 
 
-def serve(distributions, variants, prepare, square=False):
+def serve(distributions, variants, prepare, square=False, programs=(), clock=time.process_time):
     """Do what the command line asks for.
 
     Parameters
@@ -148,9 +150,14 @@ def serve(distributions, variants, prepare, square=False):
         ``prepare(problem, variant_name)`` sets up and returns ``solve(tolerance) -> Outcome``.
     square : bool
         Whether the package takes square patches of square cells only.
+    programs : sequence of (str, callable)
+        Names of programs that are no distributions, and functions that return their versions.
+    clock : callable
+        Return the time by which solves are measured [s].
     """
     if sys.argv[1] == "describe":
-        versions = {name: version(name) for name in distributions}
+        versions = {name: find_version() for name, find_version in programs}
+        versions |= {name: version(name) for name in distributions}
         versions["Python"] = platform.python_version()
         ways = {name: asdict(variant) for name, variant in variants.items()}
         print(json.dumps({"versions": versions, "variants": ways, "square": square}))
@@ -160,8 +167,6 @@ def serve(distributions, variants, prepare, square=False):
     prepare(Problem(warmup), variant)(tolerance)
     problem = Problem(problem)
     has_unit = min(problem.hardness, problem.thickness) < np.inf
-    # CPU times, as the machine need not be quiet
-    clock = time.process_time if has_unit or problem.dilute else time.perf_counter
     unit = unit_seconds(problem) if has_unit else np.nan
     times, setups, spent = [], [], 0.0
     for _ in range(int(repeats)):
