@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ class Peer:
     hardness: bool = False  # whether it takes part with a hardness
     layer: bool = False  # whether it takes part with a layer on a rigid base
     dilute: bool = False  # whether it takes part with dilute contact
+    executable: str = ""  # environment variable: path of a program that is built apart, not installed here
 
 
 PEERS = {
@@ -57,6 +59,13 @@ PEERS = {
         hardness=True,
         layer=True,
     ),
+    "contact": Peer(
+        "CONTACT",
+        "Approach and load; contact everywhere. Made for rolling and sliding contact with friction, above all of wheel "
+        "and rail. A program: built as peer-contact.md describes, timed by its own timers.",
+        periodic=False,
+        executable="CONTACT_EXE",
+    ),
 }
 
 
@@ -70,9 +79,14 @@ def install(name, folder):
     Raises
     ------
     Unavailable
-        With the line in which pip says why.
+        With the line in which pip says why, or if the path of a program is not set.
     """
     peer = PEERS[name]
+    if peer.executable:
+        path = Path(os.environ.get(peer.executable, ""))
+        if not (path.is_absolute() and shutil.which(path)):
+            raise Unavailable(f"{peer.executable} must be the absolute path of its executable")
+        return sys.executable
     home = folder / name
     python, stamp = home / "bin" / "python", home / "installed.txt"
     recipe = repr((peer.requirement, peer.pythons, peer.first, peer.build))
