@@ -24,16 +24,21 @@ from app.contact.distance import UndeformedDistance
 from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.contact.measures import measure_roughness
+from app.contact.prescribed_load import PrescribedLoad
 from app.contact.tilting_input import split_tilting
 from app.parallel.reductions import minimum_over, sum_over
-
-_PER_LOAD = [kind for kind, loading in LOADINGS.items() if "load" in loading.exact]
 
 
 def check_kind(kind, what):
     """Raise InputError unless the prescribed number of p gives that of q."""
-    if not (kind in _PER_LOAD or LOADINGS[kind].is_geometric):
+    if not (_load_kinds({kind: 1}) or LOADINGS[kind].is_geometric):
         raise InputError(f"{kind}: not with {what}; use approach or load")
+
+
+def _load_kinds(values):
+    """Return the names of the prescribed numbers that are loads, or loads per something."""
+    given = (kind for kind in LOADINGS if values.get(kind) is not None)
+    return [kind for kind in given if issubclass(LOADINGS[kind], PrescribedLoad)]
 
 
 class ShiftedProblem:
@@ -81,7 +86,7 @@ class ShiftedProblem:
 
     def net_loading(self, values, largest_load):
         """Return the loading of q; `largest_load` is its largest load [N]."""
-        return values | {kind: self.factor * values[kind] for kind in _PER_LOAD if values.get(kind)}
+        return values | {kind: self.factor * values[kind] for kind in _load_kinds(values)}
 
     def total(self, measures, state):
         """Return the `ContactMeasures` of q with the largest pressure p on C. Collective."""
@@ -93,14 +98,10 @@ class ShiftedProblem:
 
     def totals(self, values, load):
         """Return load [N] and mean pressure [N/mm2], exactly as in `values` if one of them is prescribed."""
-        for kind in _PER_LOAD:
-            if values.get(kind):
-                number, to_load = (
-                    validate_number(kind, values[kind]),
-                    LOADINGS[kind].load_per_number(self.grid),
-                )
-                load = number * to_load
-                return load, number if to_load == self.grid.area else load / self.grid.area
+        for kind in _load_kinds(values):
+            number, to_load = validate_number(kind, values[kind]), LOADINGS[kind].load_per_number(self.grid)
+            load = number * to_load
+            return load, number if to_load == self.grid.area else load / self.grid.area
         return load, load / self.grid.area
 
     def add_to(self, solution, values):
@@ -144,7 +145,7 @@ class BackgroundPressure(ShiftedProblem):
         Raises InputError if the prescribed load is less than that of the background pressure, or more than the bodies
         can carry.
         """
-        kinds = [kind for kind in _PER_LOAD if values.get(kind) is not None]
+        kinds = _load_kinds(values)
         if len(kinds) != 1:
             check_kind(single_loading(split_tilting(values)[1])[0], "a background pressure")
             return values
