@@ -11,6 +11,7 @@ phi'(-1/tau_i)`` (Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoe
 """
 
 from itertools import pairwise
+from math import fsum
 from typing import NamedTuple
 
 import numpy as np
@@ -66,12 +67,16 @@ class CreepFunction(NamedTuple):
 
 
 def _zero(t, g, low, high):
-    """Return the zero of phi(-rate) between two rates, by bisection."""
+    """Return the zero of phi(-rate) between two rates, by bisection.
+
+    The rest is 1 - sum g, which sums near 1 would lose to rounding.
+    """
+    rest = fsum([1.0, *-g])
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         if not low < middle < high:
             break
         # Between its poles phi falls from inf (or from 1 - sum g at rate 0) to -inf as the rate grows.
-        positive = (1 - (g / (1 - middle * t)).sum()) > 0
+        positive = rest - (g * middle * t / (1 - middle * t)).sum() > 0
         low, high = (middle, high) if positive else (low, middle)
     return middle

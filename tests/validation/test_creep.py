@@ -1,11 +1,14 @@
 """Viscoelastic bodies: each time step obeys the contact conditions with the hereditary integral, and known limits."""
 
+import histories
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from app import ContactProblem, ContactSolver, Grid, InputError, Material, NoteWarning, Sphere
 from app.base.mpi import MPI
+from app.contact.loading_input import LOADINGS
+from app.contact.prescribed_load import PrescribedLoad
 from app.halfspace.creep import CreepFunction
 from app.verification.dense import DenseProblem
 
@@ -91,6 +94,52 @@ def test_steps_of_nearly_fluid_bodies_follow_the_creep_function(rest):
         mean = quad(creep.at, 0, duration, epsabs=0)[0] / duration
         assert 1 + strengths @ after == pytest.approx(mean, rel=1e-12)
         np.testing.assert_allclose(decay + before + after, 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize("rest", [0.5, 1e-3, 1e-6, 1e-9])
+def test_coefficients_of_steps_do_not_lose_digits(rest):
+    """Against the relaxation's own internal state, in extended precision."""
+    times, moduli = np.array([1e-3, 0.2, 1.0, 40.0]), np.array([0.2, 0.3, 0.1, 0.4]) * (1 - rest)
+    creep, memory = CreepFunction.from_relaxation(times, moduli), histories.Memory(times, moduli)
+    order, mine = np.argsort(memory.rates), np.argsort(creep.times)[::-1]
+    np.testing.assert_allclose(np.array(creep.times)[mine] * memory.rates[order], 1, rtol=1e-10)
+    rounding = np.finfo(float).eps / (1 - moduli.sum())  # of the moduli
+    for duration in np.geomspace(1e-12, 1e12, 49):
+        _, *expected = memory.step(duration)
+        _, *found = creep.step(duration)
+        for one, other in zip(found, expected, strict=True):
+            strength = (memory.coupling * other)[order]
+            np.testing.assert_allclose(
+                (np.array(creep.strengths) * one)[mine], strength, rtol=1e-12 + 10 * rounding
+            )
+
+
+@pytest.mark.parametrize("kind", ["load", "mean_pressure"])
+def test_a_flat_periodic_body_creeps_under_a_load(kind):
+    grid = Grid.from_domain(3, 8, (0, 3, 0, 8), periodic=True)
+    with ContactSolver(ContactProblem(grid, SPECTRUM, np.zeros(grid.shape))) as solver:
+        for solution in solver.creep([0, 0.3, 1.7, 1.72], **{kind: [4e-4, 0.13, 0.09, 0.6]}):
+            assert solution.converged and solution.contact_fraction == 1
+            assert np.ptp(solution.pressure) < 1e-12 * solution.max_pressure
+
+
+def test_own_loadings_that_are_loads_are_found_when_they_are_used():
+    class KiloNewton(PrescribedLoad):
+        name, unit, meaning = "kilonewtons", "kN", "load in kN"
+
+        @staticmethod
+        def load_per_number(grid):
+            return 1000.0
+
+    LOADINGS["kilonewtons"] = KiloNewton
+    try:
+        with ContactSolver(ball(MAXWELL, 32)) as solver:
+            *_, own = solver.creep([0, 1], kilonewtons=3e-4)
+            *_, usual = solver.creep([0, 1], load=0.3)
+    finally:
+        del LOADINGS["kilonewtons"]
+    assert own.load == usual.load == 0.3
+    np.testing.assert_allclose(own.pressure, usual.pressure, atol=1e-12 * usual.max_pressure)
 
 
 def ball(material, n=64):
