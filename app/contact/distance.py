@@ -14,7 +14,6 @@ from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
 
 _ROUNDING_ULPS = 4  # rounding error of an approach, in units in the last place
-_ANGLE_ROUNDING = 1e-9  # relative, of half a turn
 _MEAN_GAP_ROUNDING = 1e-15  # least mean gap below full contact, over the mean distance
 _MIN_SEARCHED_GAP = 1e-10  # least mean gap in the search for a load, over the mean distance
 
@@ -75,6 +74,8 @@ class UndeformedDistance:
     bounds : PressureBounds
     is_singular : bool
         `InfluenceOperator.is_singular` of the grid.
+    cells : (Grid, slice)
+        Grid or window, and its rows on this rank.
     patch : Grid
         Whole grid, even if the distance is given in a window. The statistics are for the whole grid.
     possible : Window or None
@@ -121,7 +122,7 @@ class UndeformedDistance:
 
     def _set(self, b, operator, bounds):
         self.bounds, self.admissible = bounds, bounds.admissible
-        self._values, self._cells = b, (operator.grid, operator.slabs.rows)
+        self._values, self.cells = b, (operator.grid, operator.slabs.rows)
         self.b = b.view()  # outlives the Vec: solutions refer to it
         self.b.flags.writeable = False
         self.rhs = wrap_vec(b, operator)
@@ -133,7 +134,7 @@ class UndeformedDistance:
 
     def rise(self, tilt=None):
         """Return what a tilt, by default the present one, adds to the depth of the local cells [mm]."""
-        grid, rows = self._cells
+        grid, rows = self.cells
         return (tilt or self.tilt).rise(grid.x(), grid.y(rows)[:, None])
 
     def tilt_to(self, tilt):
@@ -177,23 +178,6 @@ class UndeformedDistance:
     def is_flat(self):
         """True if h is constant up to rounding."""
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
-
-    def surrounds(self, place, comm):
-        """Return whether there are admissible cells on all sides of a place (x, y). Collective over `comm`.
-
-        The first and last admissible cells of all rows have the same convex hull as all admissible cells.
-        """
-        grid, rows = self._cells
-        ends = np.zeros((3, grid.ny))  # of each row: first and last cell, and whether there is any
-        if len(self.admissible):
-            last = grid.nx - 1 - self.admissible[:, ::-1].argmax(axis=1)
-            ends[:, rows] = self.admissible.argmax(axis=1), last, self.admissible.any(axis=1)
-        first, last, some = np.asarray(sum_over(comm, ends)).astype(int)
-        x = grid.x()[np.append(first[some > 0], last[some > 0])] - place[0]
-        y = np.tile(grid.y()[some > 0], 2) - place[1]
-        angles = np.sort(np.arctan2(y, x)[(x != 0) | (y != 0)])
-        widest = np.diff(np.append(angles, angles[:1] + 2 * np.pi)).max(initial=0.0)
-        return 0 < widest < np.pi * (1 - _ANGLE_ROUNDING)
 
     def norm(self, depth):
         """Return ||h||_2 over admissible cells at a depth [mm]; 1 if zero.

@@ -22,7 +22,8 @@ are in N and in mm.
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_distinct, format_exact
+from app.contact.balance import CentredLoad, surrounds
 from app.contact.history import Outcome
 from app.contact.loading import PrescribedApproach
 from app.contact.prescribed_load import (
@@ -99,14 +100,19 @@ class TiltedLoad(PrescribedLoad):
     def about(cls, loading, centre, distance, comm):
         """Return a load with its centre, from a `PrescribedLoad`. Collective over `comm`.
 
-        Raises InputError unless there are cells on all sides of the centre in which contact is possible.
+        Raises InputError unless there are cells on all sides of the centre in which contact is possible, and pressures
+        up to the hardness can carry the load there.
         """
         grid, text = distance.patch, f"load centre {', '.join(map(format_exact, centre))} mm"
-        if not distance.surrounds(centre, comm):
+        if not surrounds(distance, centre, comm):
             where = "inside the convex hull of the cells in which contact is possible, not all on one line"
             raise InputError(f"{text}: must be {where}")
-        if loading.load >= (1 - LOAD_ROUNDING) * distance.bounds.largest_load:
-            raise InputError(f"{text}: the load must be less than that of all cells at their hardness")
+        if distance.bounds.capped:
+            largest = CentredLoad(distance, loading.load, centre, comm).largest()
+            if largest < (1 - LOAD_ROUNDING) * loading.load:
+                given, most = format_exact(loading.load), format_distinct(largest, loading.load)
+                carried = f"{most} N, which pressures up to the hardness can carry there"
+                raise InputError(f"{text}: the load of {given} N must be less than {carried}")
         return cls(loading.load, loading.mean_pressure_on(grid), centre, max(grid.sides) / 2)
 
     # -- position --------------------------------------------------------------------------------------
