@@ -34,6 +34,7 @@ from app.contact.prescribed_load import (
 )
 from app.contact.state import Displacement
 from app.contact.tilt import Tilt, linear_sums
+from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 MAX_STEP = 0.5  # largest step of the position, over that from no load to the load
@@ -44,6 +45,9 @@ MAX_SPRINGS = 100
 COARSE_RTOL = 1e-3  # error of load and moments with which the search on a coarse grid ends
 MET_RTOL = 1e-9  # largest error of load and moments of a solution, over the load
 NOT_BALANCED = "no pressure was found that has the load and its centre"
+MAX_MISSING_AT_START = (
+    0.01  # largest missing load or moment of a start, over the load; more is faster without it
+)
 MAX_MEETS = 20  # corrections of a pressure to meet load and moments
 
 
@@ -163,6 +167,19 @@ class TiltedLoad(PrescribedLoad):
 
     # -- iteration -------------------------------------------------------------------------------------
 
+    def resume(self, state, load):
+        """Fit the position to the displacement on C, and move it by the stiffness; see `Loading.resume`.
+
+        The stiffness stays unknown if too much load or moment is missing, or no cell is elastic.
+        """
+        missing = self.wanted - self.carried(state, state.p)
+        if np.abs(missing).max() <= MAX_MISSING_AT_START * self.load:
+            self._measure_stiffness(state)
+        if self.slope is not None:
+            self.move_to(state, np.zeros(3))
+            _, position, *_ = self._balance(state)
+            self.move_to(state, position + np.linalg.solve(self.slope, missing))
+
     def begin(self, state):
         """Forget the last step, ensure contact, and store the position; see `Loading.begin`."""
         super().begin(state)
@@ -221,7 +238,8 @@ class TiltedLoad(PrescribedLoad):
     def next_solve(self, state, solve):
         """Solve, and learn the stiffness on small grids; see `Loading.next_solve`."""
         outcome = solve(self)
-        self._measure_stiffness(state)
+        if state.grid.n <= MAX_DIRECT_CELLS:
+            self._measure_stiffness(state)
         return outcome
 
     # -- safeguard -------------------------------------------------------------------------------------
@@ -260,17 +278,22 @@ class TiltedLoad(PrescribedLoad):
         return outcome
 
     def _measure_stiffness(self, state):
-        """Compute the stiffness matrix of C on a small grid. Collective; all ranks do the same work."""
-        grid, operator = state.grid, state.operator
-        if grid.n > MAX_DIRECT_CELLS:
-            return
-        contact = np.zeros(grid.shape)
-        contact[operator.slabs.rows] = state.contact
+        """Compute the stiffness matrix of C, on a small grid. Collective; all ranks do the same work.
+
+        If the grid of the state is too large, it is a coarser one, whose cells are in contact if one of theirs is. If
+        the surface compliance varies, the stiffness then stays unknown.
+        """
+        grid, operator, width = state.grid, state.operator, 1
+        while grid.n > MAX_DIRECT_CELLS:
+            grid, width = grid.coarsen(), 2 * width
+        contact, (rows, columns) = np.zeros(grid.shape), np.nonzero(state.contact)
+        contact[(rows + operator.slabs.rows.start) // width, columns // width] = 1.0
         cells = np.flatnonzero(state.sum(contact))
-        if not cells.size:
+        if not cells.size or (width > 1 and operator.compliance is not None):
             return
         x, y = self.coordinates(grid, slice(None))
         phi = np.stack([field.ravel()[cells] for field in np.broadcast_arrays(1.0, x, y[:, None])], axis=1)
-        matrix = operator.matrix()[np.ix_(cells, cells)]
+        matrix = operator.matrix() if width == 1 else dense_matrix(grid, operator.kernel)
+        matrix = matrix[np.ix_(cells, cells)]
         stiffness = grid.cell_area * phi.T @ np.linalg.solve(matrix, phi)
         self.slope = stiffness + MIN_STIFFNESS_RATIO * stiffness[0, 0] * np.eye(3)

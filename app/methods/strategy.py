@@ -294,10 +294,12 @@ class Fast(Inexact):
 
     def _solve(self, loading, history, start):
         hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
-        if start is not None and not loading.tilts:
+        if start is not None:
             hierarchy.target.prepare("exact_product")
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
+            if not loading.tilts or loading.slope is not None:
+                return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
+            state.destroy()
         try:
             return nested_iteration(
                 hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache, self._lists

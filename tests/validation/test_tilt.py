@@ -114,6 +114,36 @@ def test_solves_do_not_depend_on_earlier_tilts():
         assert (again.approach, again.tilt_x, again.tilt_y) == (first.approach, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("hardness", [None, 4000.0])
+def test_a_start_is_used_if_it_is_near(hardness):
+    with ContactSolver(rough(96, hardness=hardness)) as solver:
+        first = solver.solve(load=500, load_centre=(0.1, 0.1))
+        assert solver.solve(load=500, load_centre=(0.1, 0.1), start=first).operator_applications < 2
+        for load, centre, is_near in (
+            (501, (0.1, 0.1), True),
+            (900, (0.1, 0.1), False),
+            (500, (-0.1, 0), False),
+        ):
+            plain = solver.solve(load=load, load_centre=centre)
+            started = solver.solve(load=load, load_centre=centre, start=first)
+            assert started.converged and (started.moment_x, started.moment_y) == pytest.approx(
+                (load * centre[0], load * centre[1]), abs=1e-8 * load
+            )
+            np.testing.assert_allclose(started.pressure, plain.pressure, atol=1e-3 * plain.max_pressure)
+            if is_near:
+                assert started.operator_applications < plain.operator_applications
+            else:
+                np.testing.assert_allclose(started.pressure, plain.pressure, atol=1e-9 * plain.max_pressure)
+                assert started.operator_applications == pytest.approx(plain.operator_applications, rel=1e-9)
+
+
+def test_a_start_without_elastic_cells_is_not_used():
+    with ContactSolver(rough()) as solver:
+        apart = solver.solve(load=0)
+        started = solver.solve(load=300, load_centre=(0.1, 0), start=apart)
+        assert started.converged and started.pressure_centre_x == pytest.approx(0.1)
+
+
 def test_the_tilt_stiffness_is_the_derivative_of_load_and_moments():
     body = ContactProblem(Grid.from_domain(64, 64, (-1, 1, -1, 1)), STEEL, Paraboloid(20.0, 30.0))
     grid, step = body.grid, 1e-6
