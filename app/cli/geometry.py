@@ -48,6 +48,8 @@ def make_problem(options, texts, comm):
     reader of the options of a user-defined problem (``-problem python``), which is empty for other problems.
     """
     name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
+    if options.given("creep_times"):
+        material = material.viscoelastic(options["relaxation_times"], options["relaxation_moduli"])
     if options["stiffness"]:
         material = material.conducting(options["resistivity"], options["thermal_conductivity"])
     shape = None if name == "python" else _make_shape(name, options, material)

@@ -23,6 +23,7 @@ from app.options.option_table import (
     pair_of_reals,
     positive,
     real,
+    series,
     subset,
     word,
 )
@@ -75,6 +76,8 @@ MATERIAL_OPTIONS = [
     Option("coating_thickness", thicknesses, REQUIRED, "thickness of the coating [mm]"),
     Option("resistivity", resistivities, None, "rho1,rho2, for electrical conductance; needs -stiffness [ohm m]"),
     Option("thermal_conductivity", conductivities, None, "k1,k2, for thermal conductance; needs -stiffness [W/(m K)]"),
+    Option("relaxation_times", series, REQUIRED, "t1,t2,...: relaxation times; need -creep_times [s]"),
+    Option("relaxation_moduli", series, REQUIRED, "g1,g2,...: shares of the modulus that relax; sum below 1"),
     Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
     Option("surface_compliance", from_zero, None, "displacement of a cell by its own pressure [mm3/N] (default: 0)"),
     Option("background_pressure", from_zero, None, "pressure in the gap, part of the load [N/mm2] (default: 0)"),

@@ -13,7 +13,17 @@ from app.base.quantities import unit_of
 from app.cli.session import note, print_output, warn
 from app.contact.loading_input import LOADINGS
 from app.io.files import check_output_path, hash_file, remove
-from app.options.option_table import Option, flag, format_options, lengths, series, word
+from app.options.option_table import (
+    REQUIRED,
+    Option,
+    count,
+    flag,
+    format_options,
+    lengths,
+    positive,
+    series,
+    word,
+)
 from app.parameter_study.journal import Journal
 
 OPTIONS = [
@@ -25,7 +35,13 @@ OPTIONS = [
     Option("path_csv", word, None, "path: table of the steps (default: next to -output)"),
     Option("path_fields", flag, False, "path: a result file for every step, next to -output"),
     Option("resume", flag, False, "path: continue an interrupted run after its finished steps"),
+    Option("creep_times", series, REQUIRED,
+        "times of a path of viscoelastic bodies [s]; prescribe one number, or a path with one each"),
+    Option("wear_coefficient", positive, REQUIRED, "path of bodies that wear: wear coefficient [mm2/N]"),
+    Option("sliding_distance", lengths(positive), REQUIRED, "wear: distance of all steps [mm]"),
+    Option("wear_steps", count, REQUIRED, "wear: number of steps; prescribe one number, or a path with one each"),
 ]  # fmt: skip
+_HISTORIES = {"creep_times": "creep", "wear_coefficient": "wear"}  # option -> method of ContactSolver
 _OUTPUT_OPTIONS = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # do not change rows
 _NUMBER = re.compile(r"(?<![\w./-])-?\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)")  # not in names of files
 _PLURAL = re.compile(r"(# \w+?)s\b")
@@ -35,24 +51,30 @@ _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 class PathRequest:
     """Load path from the options, with its files.
 
-    `kind` is the name of the prescribed quantity; `inputs` are the files that define the problem. Raises InputError if
-    an option is not allowed, or if an output would replace one of these files.
+    `kind` is the name of the prescribed quantity, `value` its number or numbers; `inputs` are the files that define the
+    problem. `history` is the method of `ContactSolver` for bodies that change with time, and its arguments, or None.
+    Raises InputError if an option is not allowed, or if an output would replace one of these files.
     """
 
-    def __init__(self, kind, options, parsed, inputs, tilting):
+    def __init__(self, kind, value, history, options, parsed, inputs, tilting):
         output, csv = options["output"], options["path_csv"]
-        self.kind, self.numbers, self.inputs = kind, tuple(options[f"{kind}_path"]), inputs
+        self.kind, self.history, self.inputs = kind, history, inputs
+        self.numbers = value if isinstance(value, tuple) else (value,) * history[2]
         self.fields, self.resume, self.tilting = options["path_fields"], options["resume"], tilting
         if self.fields and not output:
             raise InputError("-path_fields: needs -output, next to which the files of the steps are written")
+        if history and (self.resume or options["flow"] or tilting):
+            name = "resume" if self.resume else min(tilting, default="flow")
+            raise InputError(f"-{name}: not for bodies that creep or wear")
         if self.resume and not (output or csv):
             raise InputError("-resume: needs -output or -path_csv, next to which finished steps are stored")
         csv = csv or (output and Path(output).with_suffix(".csv"))
         self.output, self.csv = output and Path(output), csv and Path(csv)
-        self.journal = csv and self.csv.with_suffix(".path.jsonl")
+        self.journal = csv and not history and self.csv.with_suffix(".path.jsonl")
         protected = [*parsed.files, *inputs]
         if csv:
             check_output_path(csv, protected, "path table", (".csv",))
+        if self.journal:
             what = f"path table {csv}: file of finished steps"
             check_output_path(self.journal, protected, what, (".jsonl",))
         relevant = {name: text for name, text in parsed.texts.items() if name not in _OUTPUT_OPTIONS}
@@ -63,9 +85,30 @@ class PathRequest:
             for file in {steps[-1], *equal.intersection(steps)}:  # the longest name, and names of inputs
                 check_output_path(file, protected)
 
+    def begin(self, solver, stiffness, flow):
+        """Return the LoadPath, after checks of the numbers. Collective."""
+        loading = {self.kind: self.numbers} | self.tilting
+        if not self.history:
+            return solver.path(stiffness=stiffness, flow=flow, **loading)
+        method, arguments, _ = self.history
+        return getattr(solver, method)(**arguments, stiffness=stiffness, **loading)
+
     def step_file(self, step):
         """Return the path of a step's result file; steps begin with 1."""
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
+
+
+def read_history(options):
+    """Return the method of `ContactSolver` for bodies that creep or wear, its arguments, and the steps; or None."""
+    names = [name for name in _HISTORIES if options.given(name)]
+    if len(names) > 1:
+        raise InputError(f"{' and '.join(f'-{name}' for name in names)}: at most one of them is allowed")
+    if names == ["creep_times"]:
+        return "creep", {"times": options["creep_times"]}, len(options["creep_times"])
+    if names:
+        names = {"coefficient": "wear_coefficient", "distance": "sliding_distance", "steps": "wear_steps"}
+        return "wear", {name: options[option] for name, option in names.items()}, options["wear_steps"]
+    return None
 
 
 def run_path(request, solver, save, stiffness, flow):
@@ -78,8 +121,7 @@ def run_path(request, solver, save, stiffness, flow):
     """
     from tqdm import tqdm
 
-    loading = {request.kind: request.numbers} | request.tilting
-    path = solver.path(stiffness=stiffness, flow=flow, **loading)  # checks the numbers
+    path = request.begin(solver, stiffness, flow)
     checkpoint = call_collectively(solver.comm, _Checkpoint, request, solver)
     rows, notes = solver.comm.bcast((checkpoint.rows, checkpoint.notes))
     path.resume_after(rows)
@@ -95,7 +137,7 @@ def run_path(request, solver, save, stiffness, flow):
                     save(solution, request.step_file(row["step"]))
                 notes.append(solution.notes)
                 call_collectively(solver.comm, checkpoint.add, row, solution.notes)
-                _show_step(row, bar, request.kind)
+                _show_step(row, bar, (*path.coordinates, request.kind))
         if request.csv:
             call_collectively(solver.comm, path.save, request.csv)
     path.notes = merge_notes(notes)
@@ -202,9 +244,9 @@ def hash_inputs(request, solver):
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def _show_step(row, bar, kind):
-    """Show a load step's numbers in the progress bar, or print them."""
-    units = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (kind, *_SHOWN)}
+def _show_step(row, bar, first):
+    """Show a load step's numbers, the `first` ones first, in the progress bar, or print them."""
+    units = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (*first, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in units.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
     if bar.disable:

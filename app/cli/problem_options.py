@@ -160,11 +160,12 @@ class Request(ProblemRequest):
         self.tilting = {name: options[name] for name in TILTING if options.given(name)}
         self.loading = {kind: value} | self.tilting
         self.path, self.refine_until = None, options["refine_until"]
-        if kind.endswith("_path"):
-            arguments = kind.removesuffix("_path"), options, parsed, inputs, self.tilting
+        history = call_collectively(comm, load_path.read_history, options)
+        if kind.endswith("_path") or history:
+            arguments = kind.removesuffix("_path"), value, history, options, parsed, inputs, self.tilting
             self.loading, self.path = {}, call_collectively(comm, load_path.PathRequest, *arguments)
             if self.refine_until:
-                raise InputError(f"-refine_until: needs a single loading, not -{kind}")
+                raise InputError("-refine_until: needs a single loading, no path")
         self.refine_max, self.quantities = None, ()
         if self.refine_until:
             names = {"area": "contact_area"}
