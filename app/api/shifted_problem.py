@@ -203,6 +203,6 @@ class BackgroundPressure(ShiftedProblem):
 def _measure(operator, shape):
     """Return first touch [mm] and roughness of an undeformed distance. Collective."""
     own = UndeformedDistance(operator, shape)
-    measured = own.touching, measure_roughness(operator, own, shape)
+    measured = own.touching, measure_roughness(operator, own)
     own.destroy()
     return measured

@@ -238,9 +238,10 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
         hardness = hierarchy.hardness(shift.hardness if shift else problem.hardness)
+        del target, shape
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm, hardness)
         roughness = shift.roughness if shift else None
-        roughness = roughness or measures.measure_roughness(hierarchy.target, distances[-1], target)
+        roughness = roughness or measures.measure_roughness(hierarchy.target, distances[-1])
         # From here on nothing fails.
         before, self._distances = self._distances, distances
         self.touching, self._roughness = step.touching if step else reference, roughness

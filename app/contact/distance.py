@@ -40,13 +40,14 @@ class UndeformedDistance:
     operator : InfluenceOperator
         Influence operator of that grid.
     shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at the reference; NaN in inadmissible cells. The array is not changed.
+        Undeformed distance at the reference; NaN in inadmissible cells.
     reference : float
         Approach from which depths are counted, the same on all grids of a problem [mm].
     hardness : ndarray, shape (local rows, nx), [N/mm2], optional
         Largest possible pressure.
     measured : bool
-        True to compute the statistics now. If false, `on_levels` computes them for all levels at once.
+        True to compute the statistics now, and to leave the array `shape` as it is. If false, `on_levels` computes the
+        statistics for all levels at once, and `b` takes the place of the shape.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class UndeformedDistance:
     tilt, _untilted = NO_TILT, None  # `b` without tilt, once `tilt_levels` is called
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
-        b, admissible = np.empty(shape.shape), np.empty(shape.shape, bool)
+        b, admissible = np.empty(shape.shape) if measured else shape, np.empty(shape.shape, bool)
         loops.right_hand_side(shape, b, admissible)
         self._set(b, operator, PressureBounds(admissible, hardness))
         self.reference = reference
@@ -100,7 +101,7 @@ class UndeformedDistance:
         """Make the distances of all levels of a hierarchy, with two reductions.
 
         Collective over `comm`, which has all ranks that need the statistics. `operators`, `shapes` and `hardness` have
-        one item for each level.
+        one item for each level. The arrays `shapes` are used for `b`.
         """
         given = zip(operators, shapes, [None] * len(shapes) if hardness is None else hardness, strict=True)
         levels = [cls(level, shape, reference, upper, measured=False) for level, shape, upper in given]
@@ -130,7 +131,10 @@ class UndeformedDistance:
     def h_at(self, depth, tilt=NO_TILT):
         """Return the undeformed distance at a depth and a tilt [mm]; NaN in inadmissible cells."""
         b = self.b if self._untilted is None else self._untilted + self.rise(tilt)
-        return np.where(self.admissible, -(b + depth), np.nan)
+        h = b + depth
+        np.negative(h, out=h)
+        np.copyto(h, np.nan, where=~self.admissible)
+        return h
 
     def rise(self, tilt=None):
         """Return what a tilt, by default the present one, adds to the depth of the local cells [mm]."""

@@ -164,15 +164,17 @@ def measure_indentation(depth, shape, slabs, comm):
     return Indentation(local, float(depth.sum()), float(after - before))
 
 
-def measure_roughness(operator, distance, shape):
+def measure_roughness(operator, distance):
     """Return the ShapeRoughness of an undeformed distance. Collective.
 
     On a periodic patch without holes the slope is computed from the Fourier interpolant, which costs one product. On
-    other patches the slope is computed from differences across the faces between admissible cells. `shape`, (local
-    rows, nx) [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
+    other patches the slope is computed from differences across the faces between admissible cells.
     """
-    grid = operator.grid
-    waves = grid.doubly_periodic and distance.statistics.cells == grid.n
+    grid, whole = operator.grid, distance.statistics.cells == operator.grid.n
+    shape = (
+        distance.b if whole else np.where(distance.admissible, distance.b, np.nan)
+    )  # the sign does not matter
+    waves = grid.doubly_periodic and whole
     compute = _wave_slope if waves else _difference_slope
     square = compute(operator, shape)
     steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)

@@ -21,6 +21,16 @@ def real_numbers(label, values, needed="an array of real numbers, or a function 
     raise InputError(f"{label}: must be {needed}") from None
 
 
+def share_or_copy(label, values):
+    """Return what `real_numbers` returns; a float64 array that nobody can change is not copied."""
+    part = values if isinstance(values, np.ndarray) and values.dtype == float else None
+    if part is None or np.ma.isMaskedArray(part):
+        return real_numbers(label, values)
+    while isinstance(part, np.ndarray) and not part.flags.writeable:
+        part = part.base
+    return real_numbers(label, values) if isinstance(part, np.ndarray) else np.asarray(values)
+
+
 def lattice(x, y, origin):
     """Return coordinates x (nx,) and y (ny,) relative to an origin.
 
@@ -39,9 +49,9 @@ def check_size(label, values, first_row=0):
 
     `first_row` is the number of the first row of `values`; the message contains the number of a row.
     """
-    large = np.abs(values) > LARGEST
-    if large.any():
-        j, i = np.argwhere(large)[0]
+    low, high = (reduce(values, axis=None, initial=0.0) for reduce in (np.fmin.reduce, np.fmax.reduce))
+    if max(-low, high) > LARGEST:
+        j, i = np.argwhere(np.abs(values) > LARGEST)[0]
         raise InputError(
             f"{label}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; must be numbers "
             f"up to {LARGEST:g}, and NaN where contact is impossible"

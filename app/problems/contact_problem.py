@@ -21,6 +21,7 @@ from app.problems.arrays import (
     check_size,
     is_measured,
     real_numbers,
+    share_or_copy,
 )
 from app.problems.problem import Problem
 from app.problems.residual_surface import ResidualSurface
@@ -35,7 +36,7 @@ class _SampledOrFunction:
 
     def __init__(self, label, values):
         self._label, self.sampled = label, not callable(values)
-        self._values = real_numbers(label, values) if self.sampled else values
+        self._values, self.by_rows = share_or_copy(label, values) if self.sampled else values, self.sampled
 
     def check_grid(self, grid):
         """Raise if an array misfits the grid or has too large values."""
@@ -50,7 +51,7 @@ class _SampledOrFunction:
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         shape, values = (y.shape[0], grid.nx), real_numbers(self._label, self._call(x, y))
         try:
-            values = np.array(np.broadcast_to(values, shape), order="C")
+            values = np.require(np.broadcast_to(values, shape), requirements="CW")
         except ValueError:
             raise InputError(
                 f"{self._label}: a function that gives an array of shape {values.shape}; must be {shape} here"
@@ -85,7 +86,8 @@ class ContactProblem(Problem):
     material : Material
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
         Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An array
-        has all cells on every rank; its first row is at the smallest y, and coarser grids average it. A function
+        has all cells on every rank; its first row is at the smallest y, and coarser grids average it. It is copied,
+        unless it is float64 and read-only (``gap.flags.writeable = False``), which saves memory. A function
         ``gap(x, y)`` is called with arrays that broadcast to the shape of some cells. A function is also called for
         coarser grids, whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another
         problem. None means a plane.
@@ -203,6 +205,11 @@ class ContactProblem(Problem):
     def sampled(self) -> bool:
         """True if coarse grids average the gap instead of evaluating it."""
         return any(part.sampled for part in self._parts)
+
+    @property
+    def by_rows(self) -> bool:
+        """True if the gap can be evaluated by some rows at a time."""
+        return all(getattr(part, "by_rows", False) for part in self._parts)
 
     @property
     def refinable(self) -> bool:

@@ -58,7 +58,7 @@ class GapFile(FieldFile):
     """Undeformed distance [mm] from a file; NaN where contact is impossible."""
 
     label, quantity, unit = "gap file", "gap", "mm"
-    name, sampled = "file", True
+    name, sampled, by_rows = "file", True, True
 
     def check(self, rows):
         """Raise if gap values in a slice of `rows` are too large."""

@@ -21,19 +21,22 @@ from app.halfspace.one_way_kernel import patch_kernel
 from app.problems.arrays import check_size, real_numbers
 from app.reference.base import NormalContact
 
+_BLOCK = 1 << 20  # cells of the rows that are evaluated at a time
+
 
 @dataclass(frozen=True)
 class Problem:
     """A patch of cells, a material and a shape, which subclasses define.
 
-    If `sampled` is true, coarse grids average the shape on the target grid; else `shape_on` is called for each grid.
+    If `sampled` is true, coarse grids average the shape on the target grid; else `shape_on` is called for each grid. If
+    `by_rows` is true, it is called for some rows at a time, so that its work arrays are small.
     """
 
     grid: Grid
     material: Material
 
     name = ""
-    sampled = False
+    sampled = by_rows = False
     # Largest and least pressure [N/mm2], numbers or arrays of shape (ny, nx); None: no limit, and 0.
     hardness = None  # type: Any
     background_pressure = None  # type: Any
@@ -129,6 +132,18 @@ def evaluate_shape(problem, grid, rows):
 
     Raises InputError unless these are real numbers of shape (rows, nx).
     """
+    first, stop, _ = rows.indices(grid.ny)
+    step = max(_BLOCK // grid.nx, 1)
+    if not problem.by_rows or stop - first <= step:
+        return _evaluate_rows(problem, grid, rows)
+    shape = np.empty((stop - first, grid.nx))
+    for start in range(first, stop, step):
+        some = slice(start, min(start + step, stop))
+        shape[some.start - first : some.stop - first] = _evaluate_rows(problem, grid, some)
+    return shape
+
+
+def _evaluate_rows(problem, grid, rows):
     expected = len(range(*rows.indices(grid.ny))), grid.nx
     if not expected[0]:
         return np.empty(expected)

@@ -20,7 +20,7 @@ class ResidualSurface:
         Plastic depth in all cells, the same array on every rank.
     """
 
-    sampled = True
+    sampled = by_rows = True
 
     def __init__(self, depth: Floats) -> None:
         self.depth = depth

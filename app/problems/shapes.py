@@ -26,7 +26,7 @@ from app.reference.base import NormalContact, require_positive
 class Shape:
     """Base of shapes that are functions of x and y."""
 
-    sampled = False
+    sampled, by_rows = False, True
     _solution = None  # class of `app.reference`, and its parameters
 
     def _read_lengths(self, **labels):

@@ -83,7 +83,7 @@ class Surface:
     _filtered: np.ndarray | None = None  # the crop [mm]
     warned: tuple[str, ...] = ()
 
-    sampled = measured = True
+    sampled = measured = by_rows = True
 
     def grid(self, domain: Sequence[Length] | None = None, periodic: bool | str | None = None) -> Grid:
         """Return a grid with the cells of the surface.

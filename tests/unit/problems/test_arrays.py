@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.base.errors import InputError
-from app.problems.arrays import check_size, lattice, real_numbers
+from app.problems.arrays import check_size, lattice, real_numbers, share_or_copy
 
 
 def test_numbers_are_copied_as_float64_and_masked_ones_are_nan():
@@ -17,6 +17,23 @@ def test_numbers_are_copied_as_float64_and_masked_ones_are_nan():
     masked = real_numbers("h", np.ma.masked_equal([[1, 2], [3, 2]], 2))
     np.testing.assert_array_equal(masked, [[1.0, np.nan], [3.0, np.nan]])
     np.testing.assert_array_equal(real_numbers("h", [1, Fraction(1, 2)]), [1.0, 0.5])
+
+
+def test_only_arrays_that_nobody_can_change_are_shared():
+    values = np.arange(6.0).reshape(2, 3).copy()
+    part = values[1:]
+    part.flags.writeable = False  # but `values` can be changed
+    assert not np.shares_memory(share_or_copy("h", part), values)
+    assert not np.shares_memory(share_or_copy("h", values), values)
+    values.flags.writeable = False
+    for shared in (values, values[:, ::2]):
+        assert np.shares_memory(share_or_copy("h", shared), values)
+    whole = np.arange(3)
+    whole.flags.writeable = False
+    assert share_or_copy("h", whole).dtype == float
+    masked = np.ma.masked_equal(values, 2.0)
+    masked.flags.writeable = False
+    assert np.isnan(share_or_copy("h", masked)[0, 2])
 
 
 @pytest.mark.parametrize("values", [None, "1", ["a"], [1j], True, [True, False], [[1, 2], [3]], [None, "x"]])

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from app import Grid, InputError, Material
+from app import ContactProblem, Grid, InputError, Material, Sphere
+from app.problems import problem as module
 from app.problems.problem import Problem, evaluate_shape
 
 GRID, STEEL = Grid(4, 3, 1.0, 1.0), Material.from_contact_modulus(1e5)
@@ -50,3 +51,14 @@ def test_a_shape_is_a_valid_copy():
 def test_other_shapes_are_refused(value, message):
     with pytest.raises(InputError, match=f"^problem constant: {message}"):
         evaluate_shape(Constant(GRID, STEEL, value), GRID, slice(1, 3))
+
+
+def test_blocks_of_rows_have_the_same_shape(monkeypatch):
+    grid = Grid(9, 23, 0.1, 0.2)
+    heights = np.random.default_rng(0).random(grid.shape)
+    problem = ContactProblem(grid, STEEL, Sphere(10.0), surfaces=[heights])
+    for rows in (slice(None), slice(3, 20), slice(5, 5)):
+        monkeypatch.setattr(module, "_BLOCK", 10**6)
+        whole = evaluate_shape(problem, grid, rows)
+        monkeypatch.setattr(module, "_BLOCK", 40)
+        np.testing.assert_array_equal(evaluate_shape(problem, grid, rows), whole)
