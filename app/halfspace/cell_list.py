@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.list_loops import BAND, SEGMENT, sum_local
+from app.halfspace.list_loops import BAND, SEGMENT, sum_local, sum_on_rows
 
 _BLOCKS = 64  # largest number of blocks in each direction, to estimate the number of pairs
 
@@ -103,6 +103,10 @@ class LocalSum:
             return sums[to.slots]
         out += sums[to.slots]
         return out
+
+    def add_on_rows(self, sources, p, first, u):
+        """Add the sums to u, shape (rows, nx), on rows from row `first` on."""
+        sum_on_rows(sources.ix, sources.iy, p, self._table, first, u)
 
 
 def estimate_pairs(sources, targets, radius):

@@ -158,6 +158,49 @@ def spread(ix, iy, p, in_x, in_y, sums, nodes):
 
 
 @njit(fastmath=_FASTMATH)
+def sum_on_rows(ix, iy, p, table, first, u):
+    """Add the sums of a table times pressures of near cells (ix, iy) to u on rows, from row `first` on.
+
+    `table` is as in `sum_local`.
+    """
+    rows, nx = u.shape
+    last, centre = len(table) - 1, table.shape[1] // 2
+    for n in range(len(ix)):
+        left, right, value = max(ix[n] - centre, 0), min(ix[n] + centre + 1, nx), p[n]
+        start = left - ix[n] + centre
+        for y in range(max(iy[n] - last - first, 0), min(iy[n] + last + 1 - first, rows)):
+            near, others = u[y][left:right], table[abs(first + y - iy[n])][start:]
+            for i in range(len(near)):
+                near[i] += value * others[i]
+
+
+@njit(fastmath=_FASTMATH)
+def gather_on_rows(first, nodes, in_x, in_y, lines, u):
+    """Store weighted sums of the nodes around each cell in u, on rows from row `first` on; see `spread`.
+
+    `lines` is a work array, shape (nodes, nx): the last rows of nodes, with the weights in x.
+    """
+    window, (rows, nx) = len(lines), u.shape
+    ready = first // len(in_y)  # rows of nodes before this one are not needed
+    for j in range(rows):
+        y = (first + j) // len(in_y)
+        for k in range(max(ready, y), y + window):
+            line, row = lines[k % window], nodes[k]
+            for i in range(nx):
+                x, total = i // len(in_x), 0.0
+                others, near = in_x[i - x * len(in_x)], row[x : x + window]
+                for m in range(window):
+                    total += near[m] * others[m]
+                line[i] = total
+        ready, weights, out = y + window, in_y[first + j - y * len(in_y)], u[j]
+        out[:] = 0.0
+        for k in range(window):
+            value, line = weights[k], lines[(y + k) % window]
+            for i in range(nx):
+                out[i] += value * line[i]
+
+
+@njit(fastmath=_FASTMATH)
 def gather(ix, iy, nodes, in_x, in_y, sums, u):
     """Add weighted sums of the nodes around each cell to u; see `spread`."""
     count, n = len(ix), 0

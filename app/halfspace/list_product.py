@@ -59,10 +59,10 @@ import numpy as np
 from scipy.special import erf, erfc
 
 from app.base.errors import InputError
-from app.halfspace.cell_list import LocalSum, estimate_pairs
+from app.halfspace.cell_list import CellList, LocalSum, estimate_pairs
 from app.halfspace.fft.lengths import fast_length
 from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
-from app.halfspace.list_loops import gather, spread
+from app.halfspace.list_loops import gather, gather_on_rows, spread
 
 # Either part of the error bound is about 1e-8 of S(0, 0).
 _SPLIT = 0.4  # a times the spacing of nodes
@@ -79,9 +79,11 @@ _LEAST_INVERSE = 1e-3  # least eigenvalue of a preconditioner, over the largest 
 _CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least ten times as wide as a cell.
 SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
 _MOST_NODES = 150  # in each direction, if nothing is known about the lists
+_MAX_SLOWER = 1.5  # largest time of a product that is fast, over that with the best spacing
 _LARGEST_TABLE = 4096  # cells of a grid on which all pairs of cells are summed
 # Times in units of a point of a transform.
 _PAIR, _WINDOW_NODE, _NODE = 0.7, 0.05, 0.6  # of a pair of segments, a node of a window, and a node
+_ROW_PAIR = 0.05  # of a pair of cells in `displacement_on_rows`
 
 
 class ListProduct:
@@ -161,15 +163,28 @@ class ListProduct:
         """
         u = self._local.apply(sources, p, targets)
         if self.spacing and len(sources) and len(targets):
-            nodes, (in_y, in_x), sums = self._nodes, (axis.weights for axis in self._axes), np.empty(WINDOW)
-            nodes[:] = 0.0
-            spread(sources.ix, sources.iy, np.array(p, float), in_x, in_y, sums, nodes)
-            self._convolve(nodes)
-            gather(targets.ix, targets.iy, nodes, in_x, in_y, sums, u)
+            gather(targets.ix, targets.iy, *self._nodal_values(sources, p), np.empty(WINDOW), u)
         if out is None:
             return u
         out[:] = u
         return out
+
+    def apply_on_rows(self, sources, p, rows):
+        """Return u in all cells of some `rows`, a slice, shape (rows, nx) [mm]; see `apply`."""
+        p, u = np.array(p, float), np.zeros((rows.stop - rows.start, self.grid.nx))
+        if self.spacing and len(sources):
+            nodal_values, lines = self._nodal_values(sources, p), np.empty((WINDOW, self.grid.nx))
+            gather_on_rows(rows.start, *nodal_values, lines, u)
+        self._local.add_on_rows(sources, p, rows.start, u)
+        return u
+
+    def _nodal_values(self, sources, p):
+        """Return the smooth part of u at the nodes [mm], and the weights of nodes in x and y."""
+        nodes, (in_y, in_x) = self._nodes, (axis.weights for axis in self._axes)
+        nodes[:] = 0.0
+        spread(sources.ix, sources.iy, np.array(p, float), in_x, in_y, np.empty(WINDOW), nodes)
+        self._convolve(nodes)
+        return nodes, in_x, in_y
 
     def _convolve(self, nodes):
         """Replace the values of the nodes by their convolution with S."""
@@ -181,6 +196,11 @@ class ListProduct:
         The time of a product on all cells is the product of its `periods` in this unit.
         """
         return self._split.cost(sources, targets)
+
+    def is_fast(self, cells):
+        """Return whether products from `cells` to `cells` are nearly as fast as with the best spacing of nodes."""
+        best = _choose_split(self.grid, cells).cost(cells, cells)
+        return self._split.cost(cells, cells) <= _MAX_SLOWER * best
 
     def stencil(self, radius):
         """Return the sums with an inverse of A, cut off at `radius` cells.
@@ -208,6 +228,22 @@ class ListProduct:
             waves = transform_even(waves, period).T.copy()
         inverse[0, 0] += max(_LEAST_INVERSE * waves.max() - waves.min(), 0.0)
         return inverse[: radius + 1, : radius + 1]
+
+
+def displacement_on_rows(grid, kernel, cells, p, rows):
+    """Return u by the pressures `p` in `cells`, in all cells of some `rows`, a slice, shape (rows, nx) [mm].
+
+    The spacing of nodes is the fastest one. For the error see `ListProduct.error_bound`.
+    """
+    sources, p = CellList(grid, cells[p != 0]), p[p != 0]
+
+    def cost(spacing):
+        split = Split(grid, spacing)
+        area = (2 * split.radius) ** 2 / grid.cell_area
+        return _ROW_PAIR * len(sources) * area + _NODE * split.periods[0] * split.periods[1]
+
+    spacing = 0 if grid.n <= _LARGEST_TABLE else min(SPACINGS, key=cost)
+    return ListProduct(grid, kernel, spacing=spacing).apply_on_rows(sources, p, rows)
 
 
 def _choose_split(grid, cells):

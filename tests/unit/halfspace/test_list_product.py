@@ -12,7 +12,12 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.kernel import Kernel
-from app.halfspace.list_product import ListProduct, fit_gaussians, uniform_displacement
+from app.halfspace.list_product import (
+    ListProduct,
+    displacement_on_rows,
+    fit_gaussians,
+    uniform_displacement,
+)
 from app.halfspace.product import Convolution
 
 ROUNDING = 1e-13  # of the sum of |p| times the largest coefficient
@@ -66,6 +71,24 @@ def test_error_is_below_bound(grid, spacing):
         for targets in lists(grid, rng):
             for p in (np.ones(len(sources)), rng.normal(size=len(sources))):
                 assert_error_is_below_bound(product, sources, p, targets)
+
+
+@pytest.mark.parametrize("spacing", [0, 4, 32])
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
+def test_error_on_rows_is_below_bound(grid, spacing):
+    rng, product = np.random.default_rng(spacing), ListProduct(grid, STEEL, spacing=spacing)
+    for sources in lists(grid, rng):
+        field, u, p = np.zeros(grid.shape), np.empty(grid.shape), rng.normal(size=len(sources))
+        field.flat[sources.cells] = p
+        Convolution(quadrant_rows(grid, STEEL), grid.shape).apply(field, u)
+        limit = (product.error_bound + ROUNDING * product.diagonal) * np.abs(p).sum()
+        first, last = np.sort(rng.integers(0, grid.ny + 1, 2)).tolist()
+        for rows in (slice(0, grid.ny), slice(first, last)):
+            found = product.apply_on_rows(sources, p, rows)
+            assert found.shape == u[rows].shape
+            assert np.abs(found - u[rows]).max(initial=0.0) <= limit
+        anew = displacement_on_rows(grid, STEEL, sources.cells, p, slice(0, grid.ny))
+        np.testing.assert_allclose(anew, u, atol=1e-7 * product.diagonal * np.abs(p).sum())
 
 
 @settings(max_examples=25, deadline=None)
