@@ -70,6 +70,7 @@ class ShiftedProblem:
     def __init__(self, problem, hierarchy, pressure):
         self.grid, self.comm, self.hardness = problem.grid, hierarchy.comm, problem.hardness
         self.displacement = np.empty_like(pressure)
+        hierarchy.prepare_target()
         hierarchy.target.exact_displacement(pressure, self.displacement)
 
     def raise_shapes(self, shapes, hierarchy, known=None):

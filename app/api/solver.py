@@ -177,10 +177,11 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
-            check_memory(self.comm, problem, grid, self.settings)
+            lists = allows_lists(self.settings, problem)
+            more = check_memory(self.comm, problem, grid, self.settings, lists)
             call_collectively(self.comm, check_disks, self.settings.texts, grid.n, only_root=True)
             with self.options.inserted():
-                self._set_up()
+                self._set_up(lists, more)
             if unused := self.options.unused(self.comm):
                 # Rank 0 has a part of every grid, and so reads most options.
                 words = self.settings, unused, self.options.used
@@ -196,7 +197,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         grid, closed = self.problem.grid, "" if self._finalizer.alive else ", closed"
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
-    def _set_up(self):
+    def _set_up(self, lists, more_doubles):
         settings, grid, kernel = self.settings, self.problem.grid, self.problem.kernel
         self._uniform_compliance = kernel.uniform_compliance(grid)
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
@@ -209,7 +210,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             dtype=np.float32 if settings.single else np.float64,
             margin=settings.window,
             prefix=self.options.prefix,
-            lists=allows_lists(settings, self.problem, self.comm, self.listeners),
+            lists=lists, more_doubles=more_doubles,
             compliance=self.problem.compliance,
         )  # fmt: skip
         self._resources.add(self.hierarchy)

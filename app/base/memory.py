@@ -15,6 +15,8 @@ from app.base.errors import InputError, call_collectively, format_distinct
 
 # per cell, on one rank
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "film": 34, "snesvi": 37}
+LISTS = 2.5  # with dilute contact, on lists of cells, without the arrays of the problem
+WHOLE_SHAPE = 2  # more doubles with dilute contact, if the shape is not evaluated by rows
 DOUBLE_PRECISION = 2  # more doubles of the default methods without single precision
 CYCLES = 12  # more doubles of the active set with Gauss-Seidel, multigrid, or the search on periodic patches
 HARDNESS = 3  # more doubles with a hardness
@@ -66,7 +68,7 @@ def doubles_in_strips(grid):
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
-def check_host_memory(comm, grid, doubles):
+def check_host_memory(comm, grid, doubles, what=""):
     """Raise InputError if a solve exceeds the memory.
 
     Collective. Each host needs memory for all of its ranks. Each process needs address space for its own data.
@@ -78,6 +80,8 @@ def check_host_memory(comm, grid, doubles):
         Target grid, for the error message.
     doubles : float
         Number of doubles that this rank stores.
+    what : str
+        What needs them, for the error message.
     """
     from app.base.mpi import MPI
 
@@ -87,8 +91,8 @@ def check_host_memory(comm, grid, doubles):
     free = host.allreduce(available_memory(), MPI.MIN)
 
     def check():
-        _check(grid, together, free, f"on one host ({ranks} rank{'s'[: ranks > 1]})")
-        _check(grid, needed + SOLVING, _address_space(), "in one process, which may have (ulimit -v)")
+        _check(grid, together, free, f"{what}on one host ({ranks} rank{'s'[: ranks > 1]})")
+        _check(grid, needed + SOLVING, _address_space(), f"{what}in one process, which may have (ulimit -v)")
 
     call_collectively(comm, check)
 

@@ -10,12 +10,7 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Base class of listeners, which a solve calls on each grid's ranks.
-
-    If a listener `needs_fields`, no grid is solved on a list of cells.
-    """
-
-    needs_fields = True
+    """Base class of listeners, which a solve calls on each grid's ranks."""
 
     def begin(self, settings: Any) -> None:
         """Handle a solve's start on all ranks; ``settings.rtol`` is -lcp_rtol."""
@@ -27,7 +22,8 @@ class Listener:
         """Handle an active set iteration: its history entry and the state.
 
         The state always has ``grid``, ``contact`` and ``p``. With the default method of periodic patches, it has no
-        ``u`` before the end, and only the entry has the approach.
+        ``u`` before the end, and only the entry has the approach. With dilute contact, its fields are made when they
+        are first used, and they take memory for all cells.
         """
 
     def end(self) -> None:
@@ -37,7 +33,6 @@ class Listener:
 class Monitor(Listener):
     """Listener printing a line per active set iteration (-lcp_monitor)."""
 
-    needs_fields = False
     HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
     say = staticmethod(partial(print, flush=True))
 
@@ -74,9 +69,10 @@ class History:
 
     def start(self, state, solver):
         """Start a grid's record, and call the listeners."""
-        self._started, self._iteration, self._work = clock(), 0, solver.work_units
+        self._started, self._iteration, self._work = clock(), state.iterations_before, solver.work_units
+        fields = self.listeners and state.fields()
         for listener in self.listeners:
-            listener.start(state, solver.level)
+            listener.start(fields, solver.level)
 
     def add(self, state, solver, update, inner):
         """Record an iteration: its `Update` and inner iterations. Collective."""
@@ -88,8 +84,9 @@ class History:
     def record(self, entry, state):
         """Append an iteration's entry, and call the listeners."""
         self.entries.append(entry)
+        fields = self.listeners and state.fields()
         for listener in self.listeners:
-            listener.iteration(entry, state)
+            listener.iteration(entry, fields)
 
     def stagnates(self):
         """Return true unless the last iteration halved the residual."""

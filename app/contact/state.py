@@ -117,9 +117,12 @@ class Pressed:
         ||h||_2 over the admissible cells, for (5.1) [mm]; 1 if zero.
     neglected_gap : float
         Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
+    iterations_before : int
+        Number of iterations of earlier solves on this grid, from which the history counts on.
     """
 
     _counted_at, _plastic_cells = None, 0  # plastic cells: state of `pressure` when counted, and their number
+    iterations_before = 0
 
     def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED, p=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
@@ -161,6 +164,10 @@ class Pressed:
     def gap(self):
         """Return e = h + A p, shape (local rows, nx) [mm]."""
         return self.u - (self.distance.b + self._depth)  # (2.8)
+
+    def fields(self):
+        """Return the object with the fields of all cells that listeners get: this one."""
+        return self
 
     def deformation(self):
         """Return a function that returns the displacement u [mm]."""

@@ -199,8 +199,11 @@ class ListProduct:
 
     def is_fast(self, cells):
         """Return whether products from `cells` to `cells` are nearly as fast as with the best spacing of nodes."""
-        best = _choose_split(self.grid, cells).cost(cells, cells)
+        best = self._choose_split(cells).cost(cells, cells)
         return self._split.cost(cells, cells) <= _MAX_SLOWER * best
+
+    def _choose_split(self, cells):
+        return _choose_split(self.grid, cells)
 
     def stencil(self, radius):
         """Return the sums with an inverse of A, cut off at `radius` cells.

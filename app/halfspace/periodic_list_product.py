@@ -17,6 +17,7 @@ offsets, plus the error of the nodes. For this a quadrant of K is computed once,
 import numpy as np
 
 from app.base.errors import InputError
+from app.halfspace import list_product
 from app.halfspace.cell_list import CellList, LocalSum
 from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
 from app.halfspace.grid import Grid
@@ -42,6 +43,7 @@ _FIT_RANGE = (
 _MIN_PERIOD = 0.5  # t times the period below which the sum over all copies is constant up to rounding
 _LARGEST_ARM = 24  # rows or columns of arms
 _ARM = 1e-8  # largest coefficient left out of the arms, over the largest one
+_BLOCK_CELLS = 1 << 20  # cells in which the displacement is computed at once
 _MARGIN = 64  # the margin of a list is a multiple of this number of cells
 
 
@@ -62,8 +64,8 @@ class PeriodicListProduct(ListProduct):
             raise InputError("list products: must be a large periodic patch of half-spaces or layered bodies")
         self.grid, self.kernel = grid, kernel
         if spacing is not None:
-            splits = [split for split in splits if split.spacing == spacing]
-        self._split = split = splits[0] if cells is None else min(splits, key=lambda s: s.cost(cells, cells))
+            splits, cells = [split for split in splits if split.spacing == spacing], None
+        self._split = split = splits[0] if cells is None else self._choose_split(cells)
         self.spacing, self.radius = split.spacing, split.radius
         rows, columns = (
             n // 2 + 1 if whole else n for n, whole in zip(grid.shape, grid.repeats, strict=True)
@@ -94,6 +96,9 @@ class PeriodicListProduct(ListProduct):
     def suits(grid, kernel):
         """Return whether the patch is large and periodic, and the bodies half-spaces or layered."""
         return bool(grid.periodic) and kernel.has_image_sums and bool(_splits(grid))
+
+    def _choose_split(self, cells):
+        return min(_splits(self.grid), key=lambda split: split.cost(cells, cells))
 
     def _axis(self, n, size, step, period, repeats, t):
         if repeats:
@@ -131,6 +136,16 @@ class PeriodicListProduct(ListProduct):
         u += self._constant * p.sum()
         return u
 
+    def apply_on_rows(self, sources, p, rows):
+        """Return u in all cells of some `rows`, a slice, shape (rows, nx) [mm]; see `apply`."""
+        nx = self.grid.nx
+        u, block = np.empty((rows.stop - rows.start, nx)), max(1, _BLOCK_CELLS // nx)
+        for first in range(rows.start, rows.stop, block):
+            last = min(first + block, rows.stop)
+            targets = CellList(self.grid, np.arange(first * nx, last * nx))
+            self.apply(sources, p, targets, u[first - rows.start : last - rows.start].reshape(-1))
+        return u
+
     def _convolve(self, nodes):
         """Replace the values of the nodes by their convolution with S."""
         axes = [axis.repeated for axis in self._axes]
@@ -147,6 +162,17 @@ class PeriodicListProduct(ListProduct):
         """Return the sums with an inverse of A; see `ListProduct.stencil`."""
         inverse = self._inverse(self.quadrant[: 4 * radius + 1, : 4 * radius + 1].copy(), radius)
         return _PeriodicSum(self.grid, inverse)
+
+
+def displacement_on_rows(grid, kernel, cells, p, rows):
+    """Return u by the pressures `p` in `cells`, in all cells of some `rows`.
+
+    See `list_product.displacement_on_rows`; this function also suits periodic patches.
+    """
+    if not grid.periodic:
+        return list_product.displacement_on_rows(grid, kernel, cells, p, rows)
+    sources = CellList(grid, cells[p != 0])
+    return PeriodicListProduct(grid, kernel, cells=sources).apply_on_rows(sources, p[p != 0], rows)
 
 
 def _fold(nodes, period):

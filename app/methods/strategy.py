@@ -10,7 +10,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError, call_collectively
-from app.base.mpi import MPI
 from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
@@ -294,15 +293,21 @@ class Fast(Inexact):
 
     def _solve(self, loading, history, start):
         hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
+        last, lists = len(hierarchy.levels) - 1, self._lists
+        lists = lists if lists and lists.suit(last, loading) else None
         if start is not None:
-            hierarchy.target.prepare("exact_product")
-            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            if not loading.tilts or loading.slope is not None:
-                return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
-            state.destroy()
+            loaded = lists and lists.loaded_cells(start)
+            if loaded and (solved := lists.resume(*loaded, start.load, loading, stop, history)):
+                return solved
+            if not loaded:
+                hierarchy.prepare_target()
+                state = self._started_from(start, loading)
+                if not loading.tilts or loading.slope is not None:
+                    return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
+                state.destroy()
         try:
             return nested_iteration(
-                hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache, self._lists
+                hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache, lists
             )
         except BaseException:
             self._cache.reset_windows()
@@ -328,6 +333,7 @@ class Primal(Inexact):
     def _solve_all_cells(self):
         """Prepare for solves of the fine grids on all cells, when these are first needed."""
         if self.solver is None:
+            self._hierarchy.prepare_target()
             primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
             self.solver = self._cache.target = PrimalSolver(self._hierarchy)
 
@@ -335,18 +341,16 @@ class Primal(Inexact):
         return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
     def _solve(self, loading, history, start):
-        lists = None if start is not None else self._lists
-        if lists is None or not lists.suit(len(self._hierarchy.levels) - 1, loading):
+        hierarchy, stop, lists = self._hierarchy, InexactStop.of(self._settings), self._lists
+        lists = lists if lists and lists.suit(len(hierarchy.levels) - 1, loading) else None
+        if lists and start is not None and (loaded := lists.loaded_cells(start)):
+            if solved := lists.resume(*loaded, start.load, loading, stop, history):
+                return solved
+            start = None
+        if start is not None or not lists:
             lists = None
             self._solve_all_cells()
-        fields = (
-            self._hierarchy,
-            self._distances,
-            loading,
-            InexactStop.of(self._settings),
-            history,
-            self._cache,
-        )
+        fields = hierarchy, self._distances, loading, stop, history, self._cache
         return primal_iteration(*fields, start, lists, self._solve_all_cells)
 
 
@@ -381,16 +385,12 @@ def _may_be_indefinite(texts):
     return texts.get("ksp_type") in _CG and kind not in ("none", "jacobi", "mg") and foreign
 
 
-def allows_lists(settings, problem, comm, listeners):
-    """Return whether grids may be solved on lists of cells (`app.methods.free.dilute`). Collective.
-
-    Listeners of the user expect fields of a grid or window.
-    """
+def allows_lists(settings, problem):
+    """Return whether grids may be solved on lists of cells (`app.methods.free.dilute`)."""
     free = settings.type == "fast" and settings.window > 0
     free &= settings.texts.get("pc_python_type", "").endswith(".Circulant")
     usual = settings.nested and (free or settings.type == "primal")
-    possible = usual and problem.compliance is None and DiluteContact.suits(problem.grid, problem.kernel)
-    return possible and comm.allreduce(not any(listener.needs_fields for listener in listeners), MPI.LAND)
+    return usual and problem.compliance is None and DiluteContact.suits(problem.grid, problem.kernel)
 
 
 def make_strategy(hierarchy, settings):

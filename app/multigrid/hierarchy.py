@@ -12,7 +12,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.base.errors import InputError, call_collectively
-from app.base.memory import check_host_memory, doubles_in_strips, doubles_per_cell
+from app.base.memory import (
+    HARDNESS,
+    LISTS,
+    WHOLE_SHAPE,
+    check_host_memory,
+    doubles_in_strips,
+    doubles_per_cell,
+)
 from app.base.mpi import MPI
 from app.base.petsc import collect_garbage
 from app.halfspace.grid import plan_grids
@@ -27,8 +34,12 @@ MAX_DIRECT_CELLS = 1024  # largest number of cells of a grid whose matrix is sto
 _MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows save no time
 
 
-def check_memory(comm, problem, grid, settings):
-    """Raise if a host lacks memory for a problem's target grid. Collective."""
+def check_memory(comm, problem, grid, settings, lists=False):
+    """Raise if a host lacks memory for a problem's target grid. Collective.
+
+    If grids may be solved on `lists` of cells, only the memory of this is checked. Return the number of doubles that
+    this rank needs in addition if they are not.
+    """
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
@@ -37,7 +48,12 @@ def check_memory(comm, problem, grid, settings):
     parts = problem.hardness is not None, not problem.material.is_half_space, problem.compliance is not None
     per_cell = doubles_per_cell(settings, grid.doubly_periodic, *parts)
     doubles = cells * per_cell + doubles_in_strips(grid)
-    check_host_memory(ranks.comm, grid, doubles)
+    first = doubles
+    if lists:
+        per_cell = LISTS + WHOLE_SHAPE * (not problem.by_rows) + HARDNESS * (problem.hardness is not None)
+        first = min(cells * per_cell, doubles)
+    check_host_memory(ranks.comm, grid, first)
+    return doubles - first
 
 
 def _check_equal_on_ranks(comm, problem):
@@ -135,12 +151,15 @@ class Hierarchy:
         True if the target grid may need no product on all its cells: then it is created when first used.
     compliance : ndarray, shape (ny, nx), optional
         `InfluenceOperator.compliance` of the target grid; coarser grids average it.
+    more_doubles : float
+        Number of doubles of this rank for solves on all cells, which are checked before.
     """
 
     def __init__(
         self, grid, kernel, comm, coarsest=4, cells_per_rank=8192, target_only=False, dtype=float,
-        margin=0.0, prefix="", lists=False, compliance=None,
+        margin=0.0, prefix="", lists=False, compliance=None, more_doubles=0.0,
     ):  # fmt: skip
+        self._more_doubles = more_doubles
         self.ranks, self.prefix, self.lists = RankGroups(comm, cells_per_rank), prefix, lists
         self.comm, self.kernel, self.dtype, self.margin = self.ranks.comm, kernel, dtype, margin
         # products in windows, and those of each operator counted so far
@@ -162,7 +181,7 @@ class Hierarchy:
             ):
                 coarse.compliance = transfer.restrict_shape(fine.compliance)
         if not lists:
-            self.target.prepare("exact_product")
+            self.prepare_target()
         for level in self.levels:
             if not (self.may_be_windowed(level) or (lists and level.grid.doubly_periodic)):
                 level.prepare("product")
@@ -181,6 +200,15 @@ class Hierarchy:
     def target(self):
         """Operator of the target grid."""
         return self.levels[-1]
+
+    def prepare_target(self):
+        """Make the product on all cells of the target grid; InputError if memory lacks. Collective."""
+        if self._more_doubles:
+            check_host_memory(
+                self.comm, self.target.grid, self._more_doubles, "more for contact of many cells "
+            )
+        self._more_doubles = 0.0
+        self.target.prepare("exact_product")
 
     def may_be_windowed(self, operator):
         """Return whether the level of `operator` may be solved in a window."""

@@ -31,16 +31,29 @@ def spheres(body=None, periodic=False):
     [(None, False), ("layer", False), ("hardness", False), ("holes", False), (None, True), ("hardness", "x")],
 )
 def test_lists_find_the_same_on_any_number_of_ranks(comm, body, periodic):
-    def solve(comm, **loading):
+    def solve(comm, start=None, **loading):
         with ContactSolver(spheres(body, periodic), options={"lcp_rtol": 1e-9}, comm=comm) as solver:
-            return solver.solve(**loading).gather()
+            first = solver.solve(load=start) if start else None
+            found = solver.solve(start=first, **loading)
+            assert "exact_product" not in vars(solver.hierarchy.target)
+            if comm.rank == comm.size - 1:
+                assert found.displacement.shape == found.pressure.shape  # no other rank takes part
+            return found.gather()
 
     limits = dict.fromkeys(
         ("MAX_COST", "MAX_COST_PERIODIC", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"), np.inf
     )
     small = mock.patch.multiple(periodic_list_product, _MIN_CELLS=64, _MIN_NODES=12, _MARGIN=8)
+    tilted = [] if periodic else [{"load": 0.003, "tilt": (0.01, 0.003)}]
     with small, mock.patch.multiple(dilute, MIN_CELLS=64, **limits):
-        for loading in ({"load": 0.003}, {"approach": 0.03}, {"approach": 1e-7}):
+        for loading in (
+            {"load": 0.003},
+            {"approach": 0.03},
+            {"approach": 1e-7},
+            *tilted,
+            {"load": 0.003, "start": 0.002},
+            {"approach": 0.03, "start": 0.002},
+        ):
             shared, alone = solve(comm, **loading), solve(MPI.COMM_SELF, **loading)
             if comm.rank == 0:
                 assert shared.converged and not shared.fallbacks

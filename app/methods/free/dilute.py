@@ -11,15 +11,17 @@ one row, with these parts:
 - *Exclusion.* `app.contact.exclusion` proves that most cells outside the list cannot penetrate. In the others u is
   computed. Cells that penetrate join the list, and the grid is solved again; on the target grid until there are none.
 
-Nothing else has the size of the grid. On one rank the displacement of all cells is computed when it is first used, by
-one product. If the list is too long, or the iteration fails, the grids are solved as without lists.
+Nothing else has the size of the grid. The displacement of all cells is computed from the list when it is first used. If
+the list is too long, or the iteration fails, the grids are solved as without lists.
 
-*Ranks.* Rank 0 solves on lists, as on any small grid. All ranks look for cells that penetrate, each in its rows. On
-several ranks one product on all cells verifies the solution, so that a rank can use its displacements alone.
+*Start.* The target grid alone is solved if there is a solution to start from: its contact is the first list.
+
+*Ranks.* Rank 0 solves on lists, as on any small grid. All ranks look for cells that penetrate, each in its rows. All of
+them get the pressures, so each can compute its displacements alone.
 """
 
 import copy
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +36,7 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.layered_kernel import LayeredKernel
 from app.halfspace.list_product import uniform_displacement
-from app.halfspace.periodic_list_product import PeriodicListProduct
+from app.halfspace.periodic_list_product import PeriodicListProduct, displacement_on_rows
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.list_solver import CountedProduct, ListOperator, ListSolver, ListState
 from app.methods.progress import NeedsSafeguard
@@ -50,6 +52,7 @@ MAX_COST_PERIODIC = (
 MAX_GROWN_COST = 0.4  # the same if all penetrating cells come into contact
 MAX_CHECK_COST = 1.0  # the same of the product that shows which cells penetrate
 MAX_SHARE = 0.02  # largest share of cells for which costs are estimated
+MAX_SEARCH = 10.0  # depths beyond first touch up to which a number is searched, over the first depth
 MAX_ROUNDS = 5  # solves of the target grid, after each of which penetrating cells join the list
 
 
@@ -79,8 +82,8 @@ class ListSolution(NamedTuple):
 class ExpandedState(ContactState):
     """Contact state on all cells of a grid, from a ListSolution.
 
-    On one rank the displacement `u` is computed when it is first used. Collective. `product` is the CountedProduct of
-    the grid.
+    The displacement `u` is computed when it is first used, by this rank alone. `product` is the CountedProduct of the
+    grid.
     """
 
     def __init__(self, level, distance, solution, product):
@@ -92,45 +95,44 @@ class ExpandedState(ContactState):
         self.contact.reshape(-1)[self._cells] = solution.contact[own]
         self.depth = solution.depth
         del self.u
-        if self.comm is None:
-            adopt(self, solution.certificate)
+        rows = level.slabs.rows
+        self._displacement = partial(displacement_on_rows, level.grid, level.kernel, *solution.loaded, rows)
+        adopt(self, solution.certificate)
 
     @cached_property
     def u(self):
-        """Displacement A p of all cells [mm], by a product."""
-        u = np.empty(self.p.shape)
-        self.operator.exact_displacement(self.p, u)
-        return u
+        """Displacement A p of the local cells [mm], by a product between lists."""
+        return self._displacement()
 
     def deformation(self):
         """Return a function that computes u; see `ContactState.deformation`."""
-        return super().deformation() if self.comm else synchronized(lambda: self.u)
+        return synchronized(lambda: self.u)
 
     def total_gap(self):
-        """Return the sum of the gap over all admissible cells [mm], on one rank without their displacement.
+        """Return this rank's part of the sum of the gap over all admissible cells [mm], without their displacement.
 
         By symmetry, the sum of A p is that of p times the displacement by unit pressure on these cells. The part of
         holes is a product between lists, if that is cheaper than one on all cells.
         """
-        statistics, listed = self.distance.statistics, CellList(self.grid, self._cells)
-        if self.comm or self.grid.one_way:
-            return super().total_gap()
-        if self.grid.doubly_periodic:  # A p has no mean
-            whole = statistics.cells == self.grid.n
-            return self.grid.n * (statistics.mean - self.depth) if whole else super().total_gap()
+        grid, statistics = self.grid, self.distance.statistics
+        whole = statistics.cells == grid.n
+        if grid.one_way or (not whole and (self.comm or grid.doubly_periodic)):
+            return super().total_gap()  # a rank does not know the others' holes
+        of_this_rank = self.comm is None or self.comm.rank == 0
+        undeformed = statistics.cells * (statistics.mean - self.depth) if of_this_rank else 0.0
+        if grid.doubly_periodic:  # A p has no mean
+            return undeformed
+        listed = CellList(grid, self._cells + self.operator.slabs.rows.start * grid.nx)
         uniform = uniform_displacement(self.operator.kernel, listed)
-        if statistics.cells < self.grid.n:
-            holes = CellList(self.grid, ~self.admissible)
+        if not whole:
+            holes = CellList(grid, ~self.admissible)
             if self._product.cost(holes, listed) > 1:
                 return super().total_gap()
             uniform -= self._product.apply(holes, np.ones(len(holes)), listed)
-        total = uniform @ self.p.reshape(-1)[self._cells]
-        return statistics.cells * (statistics.mean - self.depth) + total
+        return undeformed + uniform @ self.p.reshape(-1)[self._cells]
 
     def total_overlap(self, cells):
-        """Return the sum of max(-e, 0) over some cells in contact, on one rank without the displacement of all."""
-        if self.comm:
-            return super().total_overlap(cells)
+        """Return the sum of max(-e, 0) over some cells in contact, without the displacement of all."""
         gap = self._listed_u - (self.distance.b.reshape(-1)[self._cells] + self.depth)
         return float(np.maximum(-gap, 0.0).sum(where=cells.reshape(-1)[self._cells]))
 
@@ -166,9 +168,9 @@ class DiluteContact:
     def suit(self, number, loading):
         """Return whether lists are possible from level `number` on.
 
-        They are for a prescribed approach or load, without a tilt.
+        They are unless the loading finds a tilt.
         """
-        if loading.is_tilted or not (loading.approach_is_known or loading.load):
+        if loading.tilts:
             return False
         distance, kernel = self._distances[number], self._hierarchy.kernel
         capped = distance.bounds.capped and distance.patch.doubly_periodic
@@ -200,22 +202,69 @@ class DiluteContact:
         for number in range(first, last + 1):
             test = stop if number == last else stop.for_coarse_grid()
             try:
-                found = self._solve_level(number, coarse, loading.predict(depth), loading, test, history)
+                cells = _refine(*coarse, self._hierarchy.levels[number].grid)
+                found = self._solve_level(number, cells, loading.predict(depth), loading, test, history)
             except ListsFail:
                 return None
             before, coarse, depth = coarse, found.loaded, found.depth
             loading.record(depth)
             numbers.append(found.numbers)
-        target = self._hierarchy.target
-        state = ExpandedState(target, self._distances[-1], found, self._products[last])
+        target, distance = self._hierarchy.target, self._distances[-1]
+        state = ExpandedState(target, distance, found, self._products[last])
         grids.grid_numbers += numbers[:-1]
-        grids.record(found.outcome, depth)
+        grids.record(found.outcome, depth, distance.tilt)
         fine, before = _restrict(*coarse, before, target.grid)
         largest = max(np.linalg.norm(fine), np.linalg.norm(before))
         difference = (
             float(np.linalg.norm(fine - before) / largest) if (fine != before).any() else float("nan")
         )
         return state, difference, numbers[-1]
+
+    def loaded_cells(self, start):
+        """Return contact cells and pressures of a checked Solution `start`, on all ranks; None if lists do not pay."""
+        own = np.flatnonzero(start.contact)
+        cells = self._join(own + start.slabs.rows.start * start.grid.nx)
+        parents = np.unique(_parents(cells, start.grid))
+        if not cells.size or not self._are_cheaper(len(self._hierarchy.levels) - 1, parents):
+            return None
+        return cells, self._join(start.pressure.reshape(-1)[own])
+
+    def resume(self, cells, p, load, loading, stop, history):
+        """Solve the target grid from the cells and pressures of a solution with a `load`.
+
+        Returns
+        -------
+        ContactState, Outcome
+            State, and how the solve ended. None if it failed.
+        """
+        number, loading = len(self._hierarchy.levels) - 1, copy.deepcopy(loading)
+        level, distance = self._hierarchy.target, self._distances[-1]
+        cells, p = self._leave_holes_out(number, *_insert(cells, p, _widen(cells, level.grid)))
+        listed, depth = self._listed(number, cells), None
+        with propagate_errors(self._comm if self._comm.size > 1 else None):
+            if self._comm.rank == 0:
+                p, depth = self._predict(number, cells, listed, p, loading, load)
+        try:
+            p, depth = self._comm.bcast_or_raise((p, depth))
+            found = self._solve_level(number, (cells, p), depth, loading, stop, history, copied=False)
+        except ListsFail:
+            return None
+        return ExpandedState(level, distance, found, self._products[number]), found.outcome
+
+    def _predict(self, number, cells, listed, p, loading, load):
+        """Return pressures and depth of a loading, from those of a solution with a `load`.
+
+        The pressures are scaled as if the load grew with the power 3/2 of the depth beyond first touch.
+        """
+        level, distance = self._hierarchy.levels[number], self._distances[number]
+        operator = ListOperator(level, self._products[number], cells)
+        state = ListState(operator, distance, *listed, p, distance.touching)
+        state.compute_displacement()
+        before = state.on_contact().mean
+        loading.resume(state, load)
+        beyond, depth = state.depth - distance.touching, state.depth
+        state.destroy()
+        return state.p[0] * ((beyond / before) ** 1.5 if min(beyond, before) > 0 else 1.0), depth
 
     def _are_cheaper(self, number, cells):
         """Return whether lists are cheaper than all cells, given the coarser grid's contact `cells`.
@@ -226,7 +275,9 @@ class DiluteContact:
         if cells.size > MAX_SHARE * grid.n:
             return False
         children = CellList(grid, _children(cells, grid))
-        most = MAX_COST_PERIODIC if grid.doubly_periodic else MAX_COST
+        product, most = self._products.get(number), MAX_COST_PERIODIC if grid.doubly_periodic else MAX_COST
+        if product and not product.is_fast(children):
+            self._products.clear()  # of a much larger or smaller load
         return self._product(number, children).cost(children, children) < most / self._comm.size
 
     def _product(self, number, cells):
@@ -234,10 +285,13 @@ class DiluteContact:
             self._products[number] = CountedProduct(self._hierarchy, number, cells)
         return self._products[number]
 
-    def _solve_level(self, number, coarse, depth, loading, stop, history):
-        """Return the `ListSolution` of a level; ListsFail if there is none."""
+    def _solve_level(self, number, listed, depth, loading, stop, history, copied=True):
+        """Return the `ListSolution` of a level; ListsFail if there is none.
+
+        `listed` are cells and their pressures, `copied` from a coarser grid or not.
+        """
         level, distance, comm = self._hierarchy.levels[number], self._distances[number], self._comm
-        cells, p = self._leave_holes_out(number, *_refine(*coarse, level.grid))
+        cells, p = self._leave_holes_out(number, *listed)
         new, iterations = self._penetrating(number, cells, p, depth), 0
         for _ in range(MAX_ROUNDS if stop.final else 1):
             if not cells.size + new.size:  # no contact: the cell of first touch
@@ -247,13 +301,12 @@ class DiluteContact:
             if self._products[number].cost(may_touch, may_touch) > MAX_GROWN_COST:
                 raise ListsFail
             cells, p = self._leave_holes_out(number, *_insert(cells, p, _widen(new, level.grid)))
-            listed = [self._gather(level, field, cells) for field in (distance.b, distance.bounds.upper)]
-            found = None
+            listed, found = self._listed(number, cells), None
             with propagate_errors(comm if comm.size > 1 else None):
                 if comm.rank == 0:
-                    found = self._solve_list(
-                        number, cells, listed, (p, depth), not iterations, loading, stop, history
-                    )
+                    copied &= not iterations
+                    start = p, depth, iterations
+                    found = self._solve_list(number, cells, listed, start, copied, loading, stop, history)
             found = comm.bcast_or_raise(found)
             if found is None:
                 break
@@ -270,6 +323,11 @@ class DiluteContact:
         admissible = self._gather(self._hierarchy.levels[number], distance.admissible, cells)
         return cells[admissible], p[admissible]
 
+    def _listed(self, number, cells):
+        """Return -h at depth 0 [mm] and hardness [N/mm2], or None, in some cells, on all ranks."""
+        level, distance = self._hierarchy.levels[number], self._distances[number]
+        return [self._gather(level, field, cells) for field in (distance.b, distance.bounds.upper)]
+
     def _gather(self, level, field, cells):
         """Return the values of a field, (local rows, nx), in cells of all ranks; None without a field."""
         if field is None:
@@ -278,7 +336,7 @@ class DiluteContact:
         return self._join(field.reshape(-1)[own])
 
     def _solve_list(self, number, cells, listed, start, copied, loading, stop, history):
-        """Solve on a list, from pressure and depth at the `start`; None if this fails.
+        """Solve on a list, from pressure, depth and number of iterations at the `start`; None if this fails.
 
         `listed` has -h at depth 0 [mm], and the hardness [N/mm2] or None. If `copied`, the pressures are copies from a
         coarser grid.
@@ -289,8 +347,14 @@ class DiluteContact:
         try:
             if copied:
                 state.lift()
-            outcome = inexact_active_set(state, solver, loading, stop, history)
-            if not outcome.converged:
+            searched = not (loading.approach_is_known or loading.load)
+            if searched:  # on a short list a number may have a limit
+                distance = state.distance
+                beyond = max(state.depth - distance.touching, distance.deviation)
+                distance.max_depth = distance.touching + MAX_SEARCH * beyond
+            solve = partial(inexact_active_set, state, solver, stop=stop, history=history)
+            outcome = loading.next_solve(state, solve)
+            if not (outcome.converged or (searched and not stop.final)):
                 return None
             certificate = estimate(state, stop.settings.error_bound) if stop.final else None
             numbers = compute_grid_numbers(state, None)
@@ -306,12 +370,13 @@ class DiluteContact:
         """Return the cells outside a list that penetrate, or may do so by the error of a product."""
         level, distance, loaded = self._hierarchy.levels[number], self._distances[number], p != 0
         sources, p = CellList(level.grid, cells[loaded]), p[loaded]
-        product = self._product(number, sources)
-        if number not in self._blocks:
+        product, key = self._product(number, sources), (number, distance.tilt)
+        if key not in self._blocks:
+            self._blocks = {(n, tilt): bounds for (n, tilt), bounds in self._blocks.items() if n != number}
             fields, first = (distance.b, distance.admissible), level.slabs.rows.start
             comm, quadrant = none_if_single(self._comm), product.quadrant
-            self._blocks[number] = BlockBounds(level.grid, level.kernel, *fields, first, comm, quadrant)
-        blocks = self._blocks[number]
+            self._blocks[key] = BlockBounds(level.grid, level.kernel, *fields, first, comm, quadrant)
+        blocks = self._blocks[key]
         others = np.setdiff1d(blocks.undecided(sources.cells, p, depth), cells, assume_unique=True)
         targets = CellList(level.grid, others)
         self._hierarchy.count_products(level, blocks.points / level.product_points)

@@ -4,6 +4,8 @@ The unknowns are a list of cells of a grid, in which all contact is. Fields of a
 iteration a list is a grid of one row, as a window is a grid of its own.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from app.contact.distance import UndeformedDistance
@@ -12,7 +14,7 @@ from app.halfspace.cell_list import CellList
 from app.halfspace.grid import Grid
 from app.halfspace.list_product import ListProduct
 from app.halfspace.operator import InfluenceOperator, get_operator
-from app.halfspace.periodic_list_product import PeriodicListProduct
+from app.halfspace.periodic_list_product import PeriodicListProduct, displacement_on_rows
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.windows import WindowState
 
@@ -60,6 +62,10 @@ class CountedProduct:
             self._last = (sources, targets), cost
         return cost
 
+    def is_fast(self, cells):
+        """Return whether products from `cells` to `cells` are fast; see `ListProduct.is_fast`."""
+        return self._product.is_fast(cells)
+
     def apply(self, sources, p, targets, out=None):
         """Return u at the targets [mm]; see `ListProduct.apply`."""
         self._hierarchy.count_products(self._level, self.cost(sources, targets))
@@ -72,13 +78,13 @@ class ListedProduct:
     dtype, count, flops = np.dtype(float), 0, 0  # the CountedProduct counts
 
     def __init__(self, product, cells):
-        self._product, self._cells = product, CellList(product.grid, cells)
+        self._product, self.cells, self.grid = product, CellList(product.grid, cells), product.grid
         self._mask = None
 
     def cells_of(self, mask):
         """Return the CellList of a mask of the listed cells."""
         if self._mask is None or (mask != self._mask).any():
-            self._mask, self._contact = mask.copy(), CellList(self._product.grid, self._cells.cells[mask[0]])
+            self._mask, self._contact = mask.copy(), CellList(self.grid, self.cells.cells[mask[0]])
         return self._contact
 
     def apply(self, p, out, mask=None):
@@ -86,7 +92,7 @@ class ListedProduct:
         inside = p != 0 if mask is None else mask
         sources = self.cells_of(inside)
         if mask is None:
-            out[0] = self._product.apply(sources, p[inside], self._cells)
+            out[0] = self._product.apply(sources, p[inside], self.cells)
             return
         out[...] = 0
         out[mask] = self._product.apply(sources, p[mask], sources)
@@ -163,6 +169,34 @@ class ListSolver(TrackingSolver):
             state.displacement_status = Displacement.EXACT
 
 
+class ListFields:
+    """Fields of all cells of a grid for listeners, from a ListState. They are made when they are first used."""
+
+    def __init__(self, state):
+        product = state.operator.exact_product
+        self._state, self.grid, self._cells, self._kernel = (
+            state,
+            product.grid,
+            product.cells,
+            state.operator.kernel,
+        )
+        self.depth, self.approach = state.depth, state.approach
+
+    def _expand(self, values):
+        field = np.zeros(self.grid.shape, values.dtype)
+        field.flat[self._cells.cells] = values[0]
+        return field
+
+    contact = cached_property(lambda self: self._expand(self._state.contact))
+    p = cached_property(lambda self: self._expand(self._state.p))
+
+    @cached_property
+    def u(self):
+        """Displacement A p [mm]."""
+        rows = slice(0, self.grid.ny)
+        return displacement_on_rows(self.grid, self._kernel, self._cells.cells, self._state.p[0], rows)
+
+
 class _Values:
     """Stand-in for a Scatter: it has -h and hardness of the listed cells, all of which are admissible."""
 
@@ -192,13 +226,20 @@ class ListState(WindowState):
         Initial pressure, limited to the hardness; C are the cells with pressures between their bounds.
     depth : float
         Initial depth [mm].
+    iterations_before : int
+        See `ContactState`.
     """
 
-    def __init__(self, operator, whole, b, upper, p, depth):
+    def __init__(self, operator, whole, b, upper, p, depth, iterations_before=0):
         super().__init__(operator, UndeformedDistance.part_of(whole, operator, _Values(whole, b, upper)))
         self.bounds.project(p[None], self.admissible, self.values)
         self.contact[...] = self.bounds.between(self.p)
         self.depth, self.displacement_status = depth, Displacement.STALE
+        self.distance.touching, self.iterations_before = whole.touching, iterations_before
+
+    def fields(self):
+        """Return the `ListFields`."""
+        return ListFields(self)
 
     def lift(self):
         """Improve pressures copied from a coarser grid, which leave gaps and overlaps in contact.

@@ -34,7 +34,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
     cache : WindowCache
         Solvers and window operators.
     lists : DiluteContact, optional
-        Solver of fine grids with dilute contact.
+        Solver of fine grids with dilute contact, if it suits the loading.
 
     Returns
     -------
@@ -44,9 +44,8 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
     settings, comm, level, coarse, boxes = stop.settings, hierarchy.comm, None, None, None
     lifts = settings.prolongation == "lift" and hierarchy.target.compliance is None
     nested, prolong = settings.nested, lift if lifts else None
-    if lists and not lists.suit(len(hierarchy.levels) - 1, loading):
-        lists = None
-        hierarchy.target.prepare("exact_product")  # first: it lends its storage
+    if hierarchy.lists and not lists:
+        hierarchy.prepare_target()  # first: it lends its storage
     grids = GridSequence(hierarchy, distances, loading, nested)
     difference, least_difference = float("nan"), settings.coarse_rtol / MAX_COARSE_ERROR
     for number in grids:
@@ -57,7 +56,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, least_difference, numbers)
             lists = None
-            hierarchy.target.prepare("exact_product")
+            hierarchy.prepare_target()
         distances[number].tilt_to(grids.tilt)
         level = WindowedLevel(hierarchy, cache, number, distances[number], coarse if nested else None, boxes)
         state, first, target = level.state, coarse is None, grids.at_target

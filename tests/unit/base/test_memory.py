@@ -4,6 +4,7 @@ import json
 import resource
 
 import h5py
+import numpy as np
 import pytest
 from cases import hertz
 from mpi4py import MPI
@@ -11,6 +12,7 @@ from processes import TESTS, run
 
 from app import ContactSolver, Grid, InputError, read_surface
 from app.base import memory
+from app.methods.free import dilute
 from app.parallel.communicator import Communicator
 from app.problems.gap_file import GapFile
 
@@ -72,6 +74,12 @@ def test_default_methods_need_ten_doubles_per_cell(method, pressure):
     assert 0.5 * estimated < measured <= 10 <= estimated
 
 
+@pytest.mark.parametrize("pressure", ["spots:1", "spots:0.02", pytest.param("0.02", marks=pytest.mark.slow)])
+def test_dilute_contact_needs_two_doubles_per_cell(pressure):
+    measured, estimated = peak(2048, "default", pressure)
+    assert 0.5 * estimated < measured <= estimated < 5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["default", "periodic:default"])
 def test_estimate_includes_a_hardness(method):
@@ -96,10 +104,35 @@ def test_a_grid_too_large_for_its_host_is_refused_before_allocation(monkeypatch)
     with pytest.raises(
         InputError, match=r"grid 4096,4096: needs about 1.27 GiB on one host \(1 rank\); 1 GiB are free"
     ):
-        ContactSolver(hertz(4096))
+        ContactSolver(hertz(4096), options={"lcp_window": 0})  # no lists
     memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 2**27)  # just fits
     with pytest.raises(InputError, match="about 1.199e\\+07 cells would fit"):
         memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 1.001 * 2**27)
+    monkeypatch.setattr(memory, "available_memory", lambda: 2.0**28)
+    with pytest.raises(InputError, match=r"grid 4096,4096: needs about 320 MiB on one host \(1 rank\)"):
+        ContactSolver(hertz(4096))
+
+
+def test_contact_that_is_not_dilute_is_refused_if_all_cells_need_too_much_memory(monkeypatch):
+    monkeypatch.setattr(dilute, "MIN_CELLS", 64)
+    monkeypatch.setattr(dilute, "MAX_SHARE", 0.5)
+    monkeypatch.setattr(memory, "available_memory", lambda: 200000.0)
+    with pytest.raises(InputError, match="needs about .* on one host"):
+        ContactSolver(hertz(64), options={"lcp_window": 0})
+    with ContactSolver(hertz(64)) as solver:
+        for name in ("MAX_COST", "MAX_GROWN_COST", "MAX_CHECK_COST"):
+            monkeypatch.setattr(dilute, name, np.inf)
+        first = solver.solve(load=1.0)
+        for name in ("MAX_COST", "MAX_GROWN_COST", "MAX_CHECK_COST", "MAX_SHARE"):
+            monkeypatch.setattr(dilute, name, 0.0)
+        many = (
+            r"grid 64,64: needs about .* MiB more for contact of many cells on one host \(1 rank\); .* free"
+        )
+        for start in (None, first):
+            with pytest.raises(InputError, match=many):
+                solver.solve(load=1.0, start=start)
+        monkeypatch.setattr(memory, "available_memory", lambda: 2.0**30)
+        assert solver.solve(load=1.0).max_pressure == pytest.approx(first.max_pressure, rel=1e-3)
 
 
 def test_a_grid_too_large_for_the_limit_of_its_process_is_refused(monkeypatch):
