@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.base.numba_cache import njit
+from app.base.numba_cache import as_writable, njit
 from app.contact import loops
 from app.halfspace.periodic_symbol import wave_numbers
 from app.halfspace.product import PeriodicProduct
@@ -222,7 +222,8 @@ def _difference_slope(operator, shape):
     """Return the mean square slope by face differences. Collective."""
     grid, (repeats_y, repeats_x) = operator.grid, operator.grid.repeats
     before = fetch_row_before(shape, repeats_y, operator.slabs, operator.comm, np.nan)
-    in_x, faces_x, in_y, faces_y = sum_over(operator.comm, _squared_differences(shape, before, repeats_x))
+    fields = as_writable(shape), as_writable(before)
+    in_x, faces_x, in_y, faces_y = sum_over(operator.comm, _squared_differences(*fields, repeats_x))
     if not faces_x + faces_y:
         return np.nan
     return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2

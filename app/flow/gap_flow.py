@@ -5,7 +5,7 @@ import re
 import numpy as np
 from petsc4py import PETSc
 
-from app.base.errors import InputError
+from app.base.errors import InputError, format_exact
 from app.base.petsc import calling_petsc, error_message, synchronized, to_input_error
 from app.flow.conserving_flux import FluxRepair
 from app.flow.network import Network
@@ -142,7 +142,9 @@ class _PressureSolver:
         except PETSc.Error as error:
             raise InputError(f"solver options: {error_message(error)}") from None
         if not 0 <= ksp.rtol < np.inf:
-            raise InputError(f"solver options: -{PREFIX}ksp_rtol {ksp.rtol:g}: must be at least 0")
+            raise InputError(
+                f"solver options: -{PREFIX}ksp_rtol {format_exact(ksp.rtol)}: must be at least 0"
+            )
 
     def _test(self, ksp, _, norm):
         """Return PETSc's reason to stop, or None. Collective."""

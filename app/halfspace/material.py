@@ -345,7 +345,8 @@ class Material:
             raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
         if not (len(times) == len(moduli) > 0 and all(1 / _LONGEST <= time <= _LONGEST for time in times)):
             raise InputError(
-                f"viscoelastic: must be one or more times from {1 / _LONGEST:g} to {_LONGEST:g} s, and as many moduli"
+                "viscoelastic: must be one or more times from "
+                f"{format_exact(1 / _LONGEST)} to {format_exact(_LONGEST)} s, and as many moduli"
             )
         if not (min(moduli) > 0 and sum(moduli) < 1):
             given = ",".join(map(format_exact, moduli))

@@ -35,7 +35,7 @@ def test_lists_find_the_same_on_any_number_of_ranks(comm, body, periodic):
         with ContactSolver(spheres(body, periodic), options={"lcp_rtol": 1e-9}, comm=comm) as solver:
             first = solver.solve(load=start) if start else None
             found = solver.solve(start=first, **loading)
-            assert "exact_product" not in vars(solver.hierarchy.target)
+            assert not found.contact_cells or "exact_product" not in vars(solver.hierarchy.target)
             if comm.rank == comm.size - 1:
                 assert found.displacement.shape == found.pressure.shape  # no other rank takes part
             return found.gather()

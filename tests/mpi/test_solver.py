@@ -55,7 +55,7 @@ def test_an_updated_solver(comm, method):
     other = ContactProblem(punch(40).grid, punch(40).material, gap)
     with ContactSolver(punch(40), method, TIGHT, comm) as solver:
         before = solver.solve(approach=0.1)
-        with pytest.raises(InputError, match="grid and material"):
+        with pytest.raises(InputError, match="grid, material and surface compliance"):
             solver.update(hertz(40))
         solver.update(other)
         found = [solver.solve(approach=0.1), solver.solve(approach=0.1, start=before)]

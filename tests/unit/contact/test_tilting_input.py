@@ -80,7 +80,7 @@ def test_a_hull_of_holes_limits_the_centre():
 
 def test_the_largest_load_has_no_other_centre():
     grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
-    message = "less than that of all cells at their hardness"
+    message = "must be less than 360 N, which pressures up to the hardness can carry there"
     problem = ContactProblem(grid, STEEL, Sphere(10), hardness=100.0)
     with ContactSolver(problem) as solver, pytest.raises(InputError, match=message):
         solver.solve(load=400.0, load_centre=(0.1, 0))
