@@ -212,6 +212,18 @@ def require(condition, what):
         raise Wrong(what)
 
 
+def is_comparable(found, kind, number, step, counts):
+    """Return whether a step has an error bound. Check the prescribed number of a solved step; count all others."""
+    if found.converged:
+        check_loading(found, kind, number)
+        return True
+    counts["not converged"] += 1
+    counts.setdefault("examples", []).append(
+        (counts["problems"], step, kind, found.message, found.error_bound)
+    )
+    return bool(np.isfinite(found.error_bound))
+
+
 def check_loading(found, kind, number):
     """A converged solution has the prescribed number."""
     value = getattr(found, kind)
@@ -299,15 +311,8 @@ def check_creep(rng, comm, counts):
         total = float(p.sum()) * grid.cell_area
         require(isclose(found.load, total, rel_tol=1e-9), f"step {step}: load {found.load} is {total}")
         h = (problem.gap.astype(np.longdouble) + (whole @ past.ravel()).reshape(grid.shape))[inside]
-        if not found.converged:
-            counts["not converged"] += 1
-            counts.setdefault("examples", []).append(
-                (counts["problems"], step, kind, found.message, found.error_bound)
-            )
-            if not np.isfinite(found.error_bound):
-                continue
-        else:
-            check_loading(found, kind, numbers[step])
+        if not is_comparable(found, kind, numbers[step], step, counts):
+            continue
         phi = loads_phi(kind, numbers[step], inside, total)
         dense = Quadratic(
             factor * matrix, h if phi is not None else h - np.longdouble(found.approach), None, phi
@@ -401,15 +406,8 @@ def check_wear(rng, comm, counts):
         )
         total = float(p.sum()) * grid.cell_area
         require(isclose(found.load, total, rel_tol=1e-9), f"step {step}: load {found.load} is {total}")
-        if not found.converged:
-            counts["not converged"] += 1
-            counts.setdefault("examples", []).append(
-                (counts["problems"], step, kind, found.message, found.error_bound)
-            )
-            if not np.isfinite(found.error_bound):
-                continue
-        else:
-            check_loading(found, kind, numbers[step])
+        if not is_comparable(found, kind, numbers[step], step, counts):
+            continue
         phi, at = (
             loads_phi(kind, numbers[step], inside, total),
             np.longdouble(found.approach) - uniform * mean,
