@@ -17,7 +17,7 @@ from app.halfspace.kernel import HalfSpaceKernel, Kernel
 from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
 
-_LONGEST = 1e50  # relaxation time, and the reciprocal of the shortest [s]
+_SHORTEST, _LONGEST = 1e-50, 1e50  # relaxation times [s]
 
 
 @usage("Material.isotropic(E, nu) of equal bodies, or Material.combined(G, nu) of the pair")
@@ -343,10 +343,10 @@ class Material:
             times, moduli = (tuple(map(to_float, np.atleast_1d(values))) for values in (times, moduli))
         except (TypeError, ValueError):
             raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
-        if not (len(times) == len(moduli) > 0 and all(1 / _LONGEST <= time <= _LONGEST for time in times)):
+        if not (len(times) == len(moduli) > 0 and all(_SHORTEST <= time <= _LONGEST for time in times)):
             raise InputError(
                 "viscoelastic: must be one or more times from "
-                f"{format_exact(1 / _LONGEST)} to {format_exact(_LONGEST)} s, and as many moduli"
+                f"{format_exact(_SHORTEST)} to {format_exact(_LONGEST)} s, and as many moduli"
             )
         if not (min(moduli) > 0 and sum(moduli) < 1):
             given = ",".join(map(format_exact, moduli))

@@ -25,7 +25,7 @@ def spheres(body=None, periodic=False):
     return ContactProblem(grid, material, gap, hardness=hardness)
 
 
-@pytest.mark.mpi(1, 2, 3, 5)
+@pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize(
     ("body", "periodic"),
     [(None, False), ("layer", False), ("hardness", False), ("holes", False), (None, True), ("hardness", "x")],

@@ -302,7 +302,7 @@ def test_what_is_not_allowed_is_refused(make, message):
         make()
 
 
-@pytest.mark.mpi(2, 3)
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("periodic", [None, True])
 def test_ranks_agree(comm, periodic):
     grid = Grid.from_domain(96, 90, (-0.4, 0.4, -0.4, 0.4))

@@ -22,7 +22,7 @@ def random_body(rng):
     return ContactProblem(grid, STEEL, gap, hardness=hardness)
 
 
-@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.mpi(1, 3)
 def test_largest_load_with_a_centre(comm):
     limited = 0
     for seed in range(12):
@@ -43,7 +43,7 @@ def test_largest_load_with_a_centre(comm):
     assert limited > 4
 
 
-@pytest.mark.mpi(1, 2)
+@pytest.mark.mpi(1)
 def test_a_load_that_the_hardness_cannot_carry_there_is_refused_before_work(comm):
     """A square of side 1 at a corner carries 4 H at most, and 2.25 H in a triangle with its centre in (0.5, 0.5)."""
     grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
