@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.base import numba_cache
-from app.base.memory import HARDNESS, LISTS, WHOLE_SHAPE, doubles_per_cell, set_malloc_option
+from app.base.memory import HARDNESS, LISTS, PERIODIC_LISTS, WHOLE_SHAPE, doubles_per_cell, set_malloc_option
 from app.multigrid import solver_cache
 
 
@@ -62,7 +62,8 @@ def solve(problem, method, pressure):
         else:
             solver.solve(mean_pressure=pressure)
         doubles = doubles_per_cell(solver.settings, problem.periodic, problem.hardness is not None)
-        listed = LISTS + WHOLE_SHAPE * (not problem.by_rows) + HARDNESS * (problem.hardness is not None)
+        listed = LISTS + PERIODIC_LISTS * bool(problem.grid.periodic) + WHOLE_SHAPE * (not problem.by_rows)
+        listed += HARDNESS * (problem.hardness is not None)
         return doubles if "exact_product" in vars(solver.hierarchy.target) else listed
 
 

@@ -16,6 +16,7 @@ from app.base.errors import InputError, call_collectively, format_distinct
 # per cell, on one rank
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "film": 34, "snesvi": 37}
 LISTS = 2.5  # with dilute contact, on lists of cells, without the arrays of the problem
+PERIODIC_LISTS = 2.5  # more doubles with dilute contact on periodic patches, for all influence coefficients
 WHOLE_SHAPE = 2  # more doubles with dilute contact, if the shape is not evaluated by rows
 DOUBLE_PRECISION = 2  # more doubles of the default methods without single precision
 CYCLES = 12  # more doubles of the active set with Gauss-Seidel, multigrid, or the search on periodic patches

@@ -132,13 +132,18 @@ class ListProduct:
         spectrum = (in_x.spectrum.T * weights) @ in_y.spectrum
         self._smooth.set_spectrum(lambda columns, rows: spectrum[columns])
         self._local = LocalSum(self._local_part(t, weights))
-        products = (in_y.errors + grid.dy) * (in_x.errors + grid.dx)
-        self.error_bound = misfit * grid.cell_area + float(np.abs(weights) @ (products - grid.cell_area))
+        self.error_bound = misfit * grid.cell_area + self._error_of_nodes(weights)
 
     @staticmethod
     def suits(grid, kernel):
         """Return whether the patch is free, and the bodies half-spaces or layered."""
         return not grid.periodic and kernel.has_image_sums
+
+    def _error_of_nodes(self, weights):
+        """Return a bound of the error of S, given the weights of the Gaussians [mm / (N/mm2)]."""
+        in_y, in_x = self._axes
+        products = (in_y.errors + in_y.largest) * (in_x.errors + in_x.largest)
+        return float(np.abs(weights) @ (products - in_y.largest * in_x.largest))
 
     def _local_part(self, t, weights):
         """Return K - S at offsets up to the radius, else 0."""
@@ -302,9 +307,12 @@ class Axis:
         Spectra of the integrals over a cell, divided by the square of the window's [mm].
     errors : ndarray, shape (Gaussians,)
         Largest errors of the integrals [mm].
+    largest : float
+        Upper bound of the integrals [mm].
     """
 
     def __init__(self, n, size, step, period, t):
+        self.largest = size
         self.nodes = (n - 1) // step + WINDOW
         half = period // 2
         self.weights, window, window_errors = node_window(n, step, 2 * np.pi * np.arange(half + 1) / period)

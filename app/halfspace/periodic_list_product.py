@@ -20,8 +20,8 @@ from app.base.errors import InputError
 from app.halfspace import list_product
 from app.halfspace.cell_list import CellList, LocalSum
 from app.halfspace.fft.multiplier import EvenMultiplier, transform_even
-from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
+from app.halfspace.grid import Grid, row_blocks
+from app.halfspace.influence import quadrant_rows
 from app.halfspace.list_loops import sum_arms
 from app.halfspace.list_product import (
     SPACINGS,
@@ -36,10 +36,8 @@ from app.halfspace.list_product import (
 
 _MIN_CELLS = 512  # of a grid in each direction
 _MIN_NODES = 2 * WINDOW  # in a period
-_FIT_RANGE = (
-    4.0,
-    64.0,
-)  # largest distance at which the Gaussians fit, over the diagonal of a patch periodic in both or in one direction
+# Largest distance at which the Gaussians fit, over the diagonal of a patch periodic in both directions, or in one
+_FIT_RANGE = 4.0, 64.0
 _MIN_PERIOD = 0.5  # t times the period below which the sum over all copies is constant up to rounding
 _LARGEST_ARM = 24  # rows or columns of arms
 _ARM = 1e-8  # largest coefficient left out of the arms, over the largest one
@@ -70,7 +68,9 @@ class PeriodicListProduct(ListProduct):
         rows, columns = (
             n // 2 + 1 if whole else n for n, whole in zip(grid.shape, grid.repeats, strict=True)
         )
-        self.quadrant = influence_quadrant(grid, kernel, slice(0, rows), columns)
+        self.quadrant, read_rows = np.empty((rows, columns)), quadrant_rows(grid, kernel)
+        for block in row_blocks(rows, columns):
+            self.quadrant[block] = read_rows(block, columns)
         self.diagonal = float(self.quadrant[0, 0])
         nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
         longest = _FIT_RANGE[bool(grid.one_way)] * np.hypot(*grid.sides)
@@ -88,9 +88,9 @@ class PeriodicListProduct(ListProduct):
             spectrum[0, 0] = 0.0
             smooth -= (in_y.mean * weights) @ in_x.mean
         self._smooth.set_spectrum(lambda columns, rows: spectrum[columns])
-        self._local, self._constant, left = self._split_rest(self.quadrant - smooth)
-        products = (in_y.errors + in_y.largest) * (in_x.errors + in_x.largest)
-        self.error_bound = left + float(np.abs(weights) @ (products - in_y.largest * in_x.largest))
+        np.subtract(self.quadrant, smooth, out=smooth)
+        self._local, self._constant, left = self._split_rest(smooth)
+        self.error_bound = left + self._error_of_nodes(weights)
 
     @staticmethod
     def suits(grid, kernel):
@@ -111,11 +111,12 @@ class PeriodicListProduct(ListProduct):
         y, x = (size * np.arange(n) for size, n in zip(self._split.sizes, rest.shape, strict=True))
         far = np.hypot(y[:, None], x) > radius
         without_arms = (slice(_LARGEST_ARM, None),) * 2
-        others = rest[without_arms][far[without_arms]]
-        constant = float(others.max() + others.min()) / 2
+        others, there = rest[without_arms], far[without_arms]
+        extremes = others.max(where=there, initial=-np.inf), others.min(where=there, initial=np.inf)
+        constant = float(sum(extremes)) / 2
         rest -= constant
         near = [int(radius / size) + 1 for size in self._split.sizes]
-        table = np.where(far, 0.0, rest)[: near[0], : near[1]]
+        table = np.where(far[: near[0], : near[1]], 0.0, rest[: near[0], : near[1]])
         rest[~far] = 0.0
         arms, least = [], _ARM * self.diagonal
         for lines, period in ((rest, grid.nx), (rest.T, grid.ny)) if grid.doubly_periodic else ():
@@ -127,7 +128,7 @@ class PeriodicListProduct(ListProduct):
             if period % 2 == 0:
                 arm[:, -1] /= 2  # half a period away there are two copies of a cell
             arms.append(arm)
-        left = float(np.abs(rest).max())
+        left = float(max(rest.max(), -rest.min()))
         return _PeriodicSum(grid, table, arms), constant, left
 
     def apply(self, sources, p, targets, out=None):
@@ -219,7 +220,7 @@ class _FreeAxis(Axis):
 
     def __init__(self, n, size, step, period, t):
         super().__init__(n, size, step, period, t)
-        self.values, self.largest = cell_integrals(size * np.arange(n), size, t), size
+        self.values = cell_integrals(size * np.arange(n), size, t)
 
 
 class _PeriodicAxis:

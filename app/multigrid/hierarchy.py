@@ -15,6 +15,7 @@ from app.base.errors import InputError, call_collectively
 from app.base.memory import (
     HARDNESS,
     LISTS,
+    PERIODIC_LISTS,
     WHOLE_SHAPE,
     check_host_memory,
     doubles_in_strips,
@@ -50,7 +51,8 @@ def check_memory(comm, problem, grid, settings, lists=False):
     doubles = cells * per_cell + doubles_in_strips(grid)
     first = doubles
     if lists:
-        per_cell = LISTS + WHOLE_SHAPE * (not problem.by_rows) + HARDNESS * (problem.hardness is not None)
+        per_cell = LISTS + PERIODIC_LISTS * bool(grid.periodic) + WHOLE_SHAPE * (not problem.by_rows)
+        per_cell += HARDNESS * (problem.hardness is not None)
         first = min(cells * per_cell, doubles)
     check_host_memory(ranks.comm, grid, first)
     return doubles - first
