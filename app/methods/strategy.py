@@ -263,6 +263,19 @@ class Inexact(Strategy):
     def _first_solver_level(self):
         return 0
 
+    def _solve(self, loading, history, start):
+        hierarchy, stop, lists = self._hierarchy, InexactStop.of(self._settings), self._lists
+        lists = lists if lists and lists.suit(len(hierarchy.levels) - 1, loading) else None
+        if lists and start is not None and (loaded := lists.loaded_cells(start)):
+            if solved := lists.resume(*loaded, start.load, loading, stop, history):
+                return solved
+            start = None
+        return self._solve_grids(loading, history, stop, start, lists)
+
+    def _solve_grids(self, loading, history, stop, start, lists):
+        """Solve on all grids, the fine ones on `lists` unless None, or from a `start` on all cells of the target."""
+        raise NotImplementedError
+
 
 class Fast(Inexact):
     """Strategy ``fast``, default on free patches: TrackingCG in windows."""
@@ -291,20 +304,14 @@ class Fast(Inexact):
         if not self._hierarchy.target.grid.doubly_periodic:
             multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
-    def _solve(self, loading, history, start):
-        hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
-        last, lists = len(hierarchy.levels) - 1, self._lists
-        lists = lists if lists and lists.suit(last, loading) else None
+    def _solve_grids(self, loading, history, stop, start, lists):
+        hierarchy, cache = self._hierarchy, self._cache
         if start is not None:
-            loaded = lists and lists.loaded_cells(start)
-            if loaded and (solved := lists.resume(*loaded, start.load, loading, stop, history)):
-                return solved
-            if not loaded:
-                hierarchy.prepare_target()
-                state = self._started_from(start, loading)
-                if not loading.tilts or loading.slope is not None:
-                    return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
-                state.destroy()
+            hierarchy.prepare_target()
+            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
+            if not loading.tilts or loading.slope is not None:
+                return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
+            state.destroy()
         try:
             return nested_iteration(
                 hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache, lists
@@ -317,41 +324,44 @@ class Fast(Inexact):
 class Primal(Inexact):
     """Strategy ``primal``, the default on periodic patches: CarryingCG."""
 
-    def _make_solver(self):
-        hierarchy, multilevel = self._hierarchy, self._settings.defect_correction > 0
-        if hierarchy.lists:  # perhaps the fine grids are solved on lists
-            numbers = [
-                n
-                for n, level in enumerate(hierarchy.levels)
-                if not DiluteContact.suits(level.grid, level.kernel)
-            ]
-            primal_solver.prepare(hierarchy, multilevel, numbers)
-            return None
-        primal_solver.prepare(hierarchy, multilevel)
-        return PrimalSolver(hierarchy)
-
-    def _solve_all_cells(self):
-        """Prepare for solves of the fine grids on all cells, when these are first needed."""
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
         if self.solver is None:
-            self._hierarchy.prepare_target()
-            primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
-            self.solver = self._cache.target = PrimalSolver(self._hierarchy)
+            number = self._unlisted[-1]
+            if hierarchy.levels[number].active:
+                self._cache.solver(number, hierarchy.levels[number])  # raises for wrong options
+
+    def _make_solver(self):
+        hierarchy = self._hierarchy
+        if not hierarchy.lists:
+            return self._make_target_solver()
+        # Perhaps all grids but these are solved on lists.
+        levels = enumerate(hierarchy.levels)
+        self._unlisted = [
+            n for n, level in levels if not (n and DiluteContact.suits(level.grid, level.kernel))
+        ]
+        primal_solver.prepare(hierarchy, self._settings.defect_correction > 0, self._unlisted)
+        return None
+
+    def _make_target_solver(self):
+        primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
+        return PrimalSolver(self._hierarchy)
 
     def _make_cache(self):
         return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
-    def _solve(self, loading, history, start):
-        hierarchy, stop, lists = self._hierarchy, InexactStop.of(self._settings), self._lists
-        lists = lists if lists and lists.suit(len(hierarchy.levels) - 1, loading) else None
-        if lists and start is not None and (loaded := lists.loaded_cells(start)):
-            if solved := lists.resume(*loaded, start.load, loading, stop, history):
-                return solved
-            start = None
+    def _use_all_cells(self):
+        """Prepare for solves of the fine grids on all cells, when these are first needed."""
+        if self.solver is None:
+            self._hierarchy.prepare_target()
+            self.solver = self._cache.target = self._make_target_solver()
+
+    def _solve_grids(self, loading, history, stop, start, lists):
         if start is not None or not lists:
             lists = None
-            self._solve_all_cells()
-        fields = hierarchy, self._distances, loading, stop, history, self._cache
-        return primal_iteration(*fields, start, lists, self._solve_all_cells)
+            self._use_all_cells()
+        fields = self._hierarchy, self._distances, loading, stop, history, self._cache
+        return primal_iteration(*fields, start, lists, self._use_all_cells)
 
 
 class Reference(Strategy):

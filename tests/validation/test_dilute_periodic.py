@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.base.errors import InputError
 from app.halfspace import periodic_list_product
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free import dilute
+from app.multigrid import solver_cache
 
 HALF_SPACE = Material.from_contact_modulus(1.0)
 BODIES = {
@@ -116,6 +118,18 @@ def test_a_start_is_used_on_lists(ratio, periodic, forced, monkeypatch):
     usual = solve(problem, {"lcp_rtol": 1e-9}, load=ratio * 0.1)
     np.testing.assert_allclose(found.pressure, usual.pressure, atol=1e-5 * usual.max_pressure)
     np.testing.assert_allclose(back.pressure, first.pressure, atol=1e-5 * first.max_pressure)
+
+
+@pytest.mark.parametrize("coarsest", [16, 70])
+@pytest.mark.parametrize("periodic", ["spectral", "x"])
+def test_options_are_read_if_no_grid_keeps_its_solver(periodic, coarsest, forced, monkeypatch):
+    monkeypatch.setattr(solver_cache, "MAX_CACHED_CELLS", 0)
+    grid = patch(periodic)
+    problem = ContactProblem(grid, HALF_SPACE, surface(grid, np.random.default_rng(3)))
+    found = solve(problem, {"lcp_coarsest": coarsest}, load=0.1)
+    assert found.converged and forced == [True]
+    with pytest.raises(InputError, match="ksp_nonsense"):
+        solve(problem, {"lcp_coarsest": coarsest, "ksp_nonsense": 1}, load=0.1)
 
 
 def test_a_hardness_in_both_directions_is_solved_on_all_cells(forced):

@@ -25,13 +25,13 @@ _SAFEGUARD = {
 
 
 def primal_iteration(
-    hierarchy, distances, loading, stop, history, cache, start=None, lists=None, solve_all_cells=None
+    hierarchy, distances, loading, stop, history, cache, start=None, lists=None, use_all_cells=None
 ):  # fmt: skip
     """Solve on all periodic grids, from the coarsest to the target.
 
     Collective. Parameters and result are as in `app.methods.free.nested.nested_iteration`, but the cache contains
     PrimalSolvers. If `start`, a Solution on the target grid, is given, the iteration starts from it, and coarser grids
-    are left out. If the DiluteContact `lists` does not solve the fine grids, ``solve_all_cells()`` is called before
+    are left out. If the DiluteContact `lists` does not solve the fine grids, ``use_all_cells()`` is called before
     they are solved on all cells.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
@@ -52,7 +52,7 @@ def primal_iteration(
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, numbers=numbers)
             lists = None
-            solve_all_cells()
+            use_all_cells()
         level, coarser = hierarchy.levels[number], grids.grid_numbers
         solver = cache.solver(number, level) if level.active else None
         inverse = solver.inverse if level.active else InverseOperator(level)
