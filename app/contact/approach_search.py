@@ -40,7 +40,7 @@ class SearchedLoading(Loading):
     """
 
     approach_is_known = allows_no_contact = is_geometric = False
-    exponent, result_rtol = 1.0, 1e-5
+    searches, exponent, result_rtol = True, 1.0, 1e-5
 
     def __init__(self, target):
         self.target, self.slope = float(target), 0.0

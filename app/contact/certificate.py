@@ -186,9 +186,10 @@ def _prove(state, enough, work):
     shifted = squares = 0.0
     if tension > bounds.rounding * highest:
         gap = np.inf
+    elif state.grid.doubly_periodic:
+        gap, squares, energy, shifted = _close_gap(state, energy, u_squares, enough, work, upper)
     elif grid.doubly_periodic:
-        norm = None if state.grid.doubly_periodic else 1 / smallest  # on a list
-        gap, squares, energy, shifted = _close_gap(state, energy, u_squares, enough, work, upper, norm)
+        gap, squares, shifted = _close_gap_on_list(state, 1 / smallest)
     else:
         gap, squares = to_p + moved / (2 * smallest), moved / smallest
         if upper is not None:
@@ -262,17 +263,16 @@ def _lift_penetrations(state, most, energy, penetrates):
     return shares * energy + to_u + distances / 2, distances
 
 
-def _close_gap(state, energy, u_squares, enough, work, upper, norm=None):
+def _close_gap(state, energy, u_squares, enough, work, upper):
     """Return duality gap, ||p - q||_A^2, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g is the changed gap, and B the inverse of A (module
     docstring). If the bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves
     the product with B. If p is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is
-    larger. On a list of cells, without B, the `norm` of B is given.
+    larger.
     """
-    inverse, n, listed = None if norm else state.operator.inverse, state.grid.n, norm is not None
-    norm = norm or inverse.norm()
-    diagonal = norm if listed else float(inverse.centre[1, 1]) or 1.0
+    inverse, n = state.operator.inverse, state.grid.n
+    diagonal = float(inverse.centre[1, 1]) or 1.0
     rounded = math.ulp(state.depth)  # of the mean gap
     if upper is not None:
         of_u = min(rounded, math.ulp(math.sqrt(u_squares)))
@@ -284,12 +284,8 @@ def _close_gap(state, energy, u_squares, enough, work, upper, norm=None):
     if not state.distance.is_singular:
         squares = _close_gap_of_springs(state, fields)
         return to_p + to_plastic + squares / 2, squares, energy, 0.0
-    if listed:
-        inside, total_u = n, 0.0
     excess += total_u  # zero up to rounding, which matters near full contact
-    if inside == n and not (
-        listed or gaps or depths
-    ):  # full contact: the mean of e is known without rounding
+    if inside == n and not gaps and not depths:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n, depths)
     deepen, to_gap = 0.0, (1 + stretch) * to_p + constant * pressures  # p.g
@@ -302,29 +298,39 @@ def _close_gap(state, energy, u_squares, enough, work, upper, norm=None):
             room = state.bounds.largest_load / state.grid.cell_area - pressures
             deepen, constant, to_gap = 0.0, constant - rest / n, to_gap + rest / n * room
         to_gap = to_gap + (1 + deepen) * to_plastic if -1 <= deepen < np.inf else np.inf
-    if listed and excess + stretch * gaps + n * constant > 1e-12 * abs(excess):
-        return np.inf, 0.0, energy, 0.0  # the listed cells overlap on average
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     most, eps = state.operator.diagonal * squares, np.finfo(float).eps
     if state.distance.is_flat or (upper is not None and energy <= (_CONSTANT_ROUNDING * eps) ** 2 * most):
         energy = max(energy, eps * most)  # constant up to rounding: h is flat, or all cells are plastic
     moved = *fields, stretch, deepen, constant, elsewhere
     squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
-    curved = most = norm * squares / 2
-    if (
-        not listed
-        and squares > 0
-        and _largest_error(to_gap + curved, 2 * curved) > enough * math.sqrt(max(energy, 0.0))
-    ):
+    curved = most = inverse.norm() * squares / 2
+    if squares > 0 and _largest_error(to_gap + curved, 2 * curved) > enough * math.sqrt(max(energy, 0.0)):
         field = np.empty(state.u.shape) if work is None else work
         scale = np.sqrt(n / squares)  # the least w underflow in single precision
         loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
         curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
-    more = state.distance.patch.n - n  # cells that are not listed
-    shifted = (n + more) * rounded * math.sqrt(diagonal / max(free + more, 1.0))
+    shifted = n * rounded * math.sqrt(diagonal / max(free, 1.0))
     return float(to_gap + curved), float(2 * curved), float(energy), shifted
+
+
+def _close_gap_on_list(state, norm):
+    """Return duality gap, ||p - q||_A^2 and rounding error on a list of cells of a periodic patch.
+
+    `norm` is an upper bound of ||B||, which stands for B here; see `_close_gap`.
+    """
+    listed, cells = state.grid.n, state.distance.patch.n
+    fields = state.distance.b, state.depth, state.u, state.p, None, state.admissible, 1 / norm
+    gaps, _, excess, to_p, _, pressures, *_, free = loops.gaps(*fields)
+    stretch, constant, _ = _gap_with_mean(gaps, excess, listed, listed)
+    if excess + stretch * gaps + listed * constant > 1e-12 * abs(excess):
+        return np.inf, 0.0, 0.0  # the listed cells overlap on average
+    moved = loops.move(*fields, stretch, 0.0, constant, 0.0, 1.0, np.empty((len(state.u), 0)))[0]
+    rounded = math.ulp(state.depth) + state.neglected_gap
+    shifted = cells * rounded * math.sqrt(norm / max(free + cells - listed, 1.0))
+    return (1 + stretch) * to_p + constant * pressures + norm * moved / 2, norm * moved, shifted
 
 
 def _close_gap_of_springs(state, fields):

@@ -50,6 +50,8 @@ class Loading:
         Prescribed total force [N]; None if another number is prescribed.
     approach_is_known : bool
         True if the loading alone determines the approach on every grid.
+    searches : bool
+        True if each grid is solved by a root search for the approach.
     allows_no_contact : bool
         True if bodies that do not touch can be the solution.
     tilt : Tilt
@@ -65,7 +67,7 @@ class Loading:
     name = kind = unit = meaning = ""
     exact, least, is_geometric, falls, result_rtol = (), -np.inf, True, False, 1e-9
     load, approach_is_known, allows_no_contact, shared_state = None, True, True, None
-    tilt, tilts, support = NO_TILT, False, None
+    tilt, tilts, searches, support = NO_TILT, False, False, None
 
     @classmethod
     def create(cls, value, grid, distance, uniform_compliance=0.0):

@@ -47,7 +47,7 @@ from app.parallel.slabs import none_if_single
 MIN_CELLS = 1 << 20  # number of cells from which grids may be solved on lists
 MAX_COST = 0.2  # largest cost of a product from contact to contact, over that of a product on all cells
 MAX_COST_PERIODIC = (
-    0.1  # the same if the patch is periodic in x and y, where the product on all cells needs no padding
+    0.1  # the same on patches periodic in x and y, whose product on all cells needs no padding
 )
 MAX_GROWN_COST = 0.4  # the same if all penetrating cells come into contact
 MAX_CHECK_COST = 1.0  # the same of the product that shows which cells penetrate
@@ -347,14 +347,13 @@ class DiluteContact:
         try:
             if copied:
                 state.lift()
-            searched = not (loading.approach_is_known or loading.load)
-            if searched:  # on a short list a number may have a limit
+            if loading.searches:  # on a short list a number may have a limit
                 distance = state.distance
                 beyond = max(state.depth - distance.touching, distance.deviation)
                 distance.max_depth = distance.touching + MAX_SEARCH * beyond
             solve = partial(inexact_active_set, state, solver, stop=stop, history=history)
             outcome = loading.next_solve(state, solve)
-            if not (outcome.converged or (searched and not stop.final)):
+            if not (outcome.converged or (loading.searches and not stop.final)):
                 return None
             certificate = estimate(state, stop.settings.error_bound) if stop.final else None
             numbers = compute_grid_numbers(state, None)

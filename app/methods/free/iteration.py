@@ -23,7 +23,8 @@ import numpy as np
 
 from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
-from app.contact.state import Displacement, Update
+from app.contact.state import Displacement
+from app.contact.updates import Update
 from app.methods.progress import STAGNATES, TOO_MANY, HalvingTest, NeedsSafeguard
 from app.methods.stopping import UNPROVED
 

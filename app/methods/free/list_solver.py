@@ -4,7 +4,7 @@ The unknowns are a list of cells of a grid, in which all contact is. Fields of a
 iteration a list is a grid of one row, as a window is a grid of its own.
 """
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -17,17 +17,16 @@ from app.halfspace.operator import InfluenceOperator, get_operator
 from app.halfspace.periodic_list_product import PeriodicListProduct, displacement_on_rows
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.windows import WindowState
+from app.options.method import DEFAULT, read_method_file
 
 STENCIL_RADIUS = 8  # cells at which the inverse of A is cut off
-_CG = {  # as in petsc_options/fast.opts
-    "ksp_type": "python",
-    "ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
-    "ksp_norm_type": "unpreconditioned",
-    "ksp_converged_use_initial_residual_norm": "",
-    "ksp_rtol": "0.06",
-    "ksp_max_it": "50",
-}
 MAX_FALL = 4.0  # of the largest displacement since the start: more is lost in its rounding
+
+
+@lru_cache(maxsize=1)
+def _usual_ksp():
+    """Return the options of the KSP of the default method on free patches."""
+    return {name: text for name, text in read_method_file(DEFAULT).items() if name.startswith("ksp_")}
 
 
 class CountedProduct:
@@ -146,7 +145,7 @@ class ListSolver(TrackingSolver):
 
     def __init__(self, hierarchy, number, operator):
         if hierarchy.target.grid.doubly_periodic:  # the options choose another KSP
-            self._forced = self._forced | _CG
+            self._forced = _usual_ksp() | self._forced
         super().__init__(hierarchy, number, operator)
 
     def begin(self, multilevel):
@@ -174,12 +173,8 @@ class ListFields:
 
     def __init__(self, state):
         product = state.operator.exact_product
-        self._state, self.grid, self._cells, self._kernel = (
-            state,
-            product.grid,
-            product.cells,
-            state.operator.kernel,
-        )
+        self._state, self._kernel = state, state.operator.kernel
+        self.grid, self._cells = product.grid, product.cells
         self.depth, self.approach = state.depth, state.approach
 
     def _expand(self, values):
