@@ -206,12 +206,9 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = Hierarchy(
             grid, kernel, self.comm, settings.coarsest, settings.cells_per_rank,
-            target_only=STRATEGIES[settings.type].target_only,
-            dtype=np.float32 if settings.single else np.float64,
-            margin=settings.window,
-            prefix=self.options.prefix,
+            target_only=STRATEGIES[settings.type].target_only, dtype=np.float32 if settings.single else np.float64,
+            margin=settings.window, prefix=self.options.prefix, compliance=self.problem.compliance,
             lists=lists, more_doubles=more_doubles,
-            compliance=self.problem.compliance,
         )  # fmt: skip
         self._resources.add(self.hierarchy)
         self._strategy = make_strategy(self.hierarchy, settings)
@@ -354,9 +351,8 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
         before, fits = self.problem, self.problem.fits(problem)
         check_equal_on_ranks(self.comm, fits, "grid or material")
         if not fits:
-            raise InputError(
-                "problem: must be a ContactProblem of the solver's grid, material and surface compliance"
-            )
+            same = "grid, material and surface compliance"
+            raise InputError(f"problem: must be a ContactProblem of the solver's {same}")
         self.problem = problem
         try:
             self._measure_shapes()

@@ -10,7 +10,7 @@ full contact, the iteration runs first. Full contact is then tried only if the i
 import numpy as np
 
 from app.contact.history import Outcome
-from app.contact.state import Update
+from app.contact.updates import Update
 from app.parallel.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"

@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from app.contact.history import Outcome
-from app.contact.state import Displacement, Update
+from app.contact.state import Displacement
+from app.contact.updates import Update
 
 ALL_PLASTIC = "all cells plastic"
 CONTACT_PLASTIC = "all contact plastic"

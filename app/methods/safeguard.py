@@ -22,8 +22,9 @@ import numpy as np
 
 from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
-from app.contact.state import Displacement, Update
+from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
+from app.contact.updates import Update
 from app.methods.progress import HalvingTest
 from app.multigrid.linear_solver import LinearSolver
 

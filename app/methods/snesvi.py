@@ -9,7 +9,8 @@ from petsc4py import PETSc
 from app.base.numba_cache import clock
 from app.base.petsc import calling_petsc, error_message
 from app.contact.history import Outcome, make_entry
-from app.contact.state import Displacement, Update
+from app.contact.state import Displacement
+from app.contact.updates import Update
 from app.multigrid.linear_solver import reason_names
 from app.options.solver_options import temporary_options
 

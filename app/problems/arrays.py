@@ -22,7 +22,7 @@ def real_numbers(label, values, needed="an array of real numbers, or a function 
 
 
 def share_or_copy(label, values):
-    """Return what `real_numbers` returns; a float64 array that nobody can change is not copied."""
+    """Return what `real_numbers` returns; a read-only float64 array is not copied."""
     part = values if isinstance(values, np.ndarray) and values.dtype == float else None
     if part is None or np.ma.isMaskedArray(part):
         return real_numbers(label, values)

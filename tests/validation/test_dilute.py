@@ -110,6 +110,13 @@ def forced(monkeypatch):
     return done
 
 
+def assert_within_bound(found, p, dense, rounding=1e-14):
+    """Assert a solution without the safeguard, and an error within its bound and the rounding of the approach."""
+    assert found.converged and not found.fallbacks
+    size = dense.energy(found.pressure)
+    assert dense.energy(found.pressure - p) <= (found.error_bound + rounding) * size
+
+
 def solve(problem, options=None, **loading):
     with ContactSolver(problem, options=options) as solver:
         return solver.solve(**loading)
@@ -128,9 +135,7 @@ def test_lists_give_the_exact_solution_up_to_their_bound(kind, rtol, split, forc
             by_approach = solve(problem, options, approach=by_load.approach)
             exact = dense.under(load, by_load.approach)[0], dense.at(by_load.approach)
             for found, p in zip((by_load, by_approach), exact, strict=True):
-                size = dense.energy(found.pressure)
-                assert found.converged and not found.fallbacks
-                assert dense.energy(found.pressure - p) <= (found.error_bound + 1e-14) * size  # approach
+                assert_within_bound(found, p, dense)
             assert by_load.load == pytest.approx(load, rel=1e-12)
     assert len(forced) == 12 and sum(forced) >= 10  # where coarse grids mislead, all cells are used
 
@@ -148,10 +153,7 @@ def test_layers_hardness_and_holes_keep_the_bound(make, kind, forced, monkeypatc
         by_approach = solve(problem, options, approach=by_load.approach)
         exact = dense.under(load, by_load.approach)[0], dense.at(by_load.approach)
         for found, p in zip((by_load, by_approach), exact, strict=True):
-            size = dense.energy(found.pressure)
-            assert found.converged and not found.fallbacks
-            rounding = 1e-11 * size  # loads are met to 1e-12 if cells are plastic
-            assert dense.energy(found.pressure - p) <= found.error_bound * size + rounding
+            assert_within_bound(found, p, dense, 1e-11)  # loads are met to 1e-12 if cells are plastic
             assert not found.pressure[np.isnan(problem.gap)].any()
             assert (found.pressure <= (np.inf if problem.hardness is None else problem.hardness)).all()
     assert len(forced) == 6 and sum(forced) >= 5
@@ -219,9 +221,7 @@ def test_a_start_gives_the_exact_solution_up_to_its_bound(kind, ratio, forced):
     dense = DenseProblem(problem)
     exact = dense.under(ratio * load, again.approach)[0], dense.at(first.approach)
     for found, p in zip((again, back), exact, strict=True):
-        size = dense.energy(found.pressure)
-        assert found.converged and not found.fallbacks
-        assert dense.energy(found.pressure - p) <= (found.error_bound + 1e-14) * size
+        assert_within_bound(found, p, dense)
     assert len(forced) == 3 and (all(forced) or not forced[0])
 
 

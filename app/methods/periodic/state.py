@@ -5,7 +5,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from app.contact.periodic_state import PeriodicState
-from app.contact.state import Displacement, Pressed, Update
+from app.contact.state import Displacement, Pressed
+from app.contact.updates import Update
 from app.methods.periodic import loops, stencil
 
 MAX_RETREAT_FRACTION = 0.75  # largest predicted retreat of the bodies, over the depth beyond first touch

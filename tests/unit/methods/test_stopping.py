@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.contact.state import Gaps
+from app.contact.updates import Gaps
 from app.methods.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
 
 

@@ -19,7 +19,7 @@ def test_numbers_are_copied_as_float64_and_masked_ones_are_nan():
     np.testing.assert_array_equal(real_numbers("h", [1, Fraction(1, 2)]), [1.0, 0.5])
 
 
-def test_only_arrays_that_nobody_can_change_are_shared():
+def test_only_read_only_arrays_are_shared():
     values = np.arange(6.0).reshape(2, 3).copy()
     part = values[1:]
     part.flags.writeable = False  # but `values` can be changed
