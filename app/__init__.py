@@ -17,7 +17,7 @@ user_folder.ensure_home()
 packages.install()
 views.load = partial(import_module, "app.api.views")
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 _PLACES = {
     "Cone": "app.problems.shapes",
