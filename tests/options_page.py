@@ -37,7 +37,7 @@ _PROBLEM = """The page on surfaces describes the [base shapes](surfaces.md#base-
 follows from the analytic solution for the shape; `-domain auto` fits the patch to the contact. If a surface file
 states its spacing, the patch is centred on the origin. `-periodic` makes a [periodic patch](periodic.md).
 """
-_MATERIALS = """Give the materials in exactly one of three ways; the page on surfaces has the
+_MATERIALS = """Give the materials by exactly one of these groups of options; the page on surfaces has the
 [formulas](surfaces.md#materials)."""
 _SHAPES = """These options are for `-problem hertz`, `sphere`, `cylinder`, `roller`, `cone` and `punch`; see
 [base shapes](surfaces.md#base-shapes)."""

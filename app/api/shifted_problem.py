@@ -186,10 +186,14 @@ class BackgroundPressure(ShiftedProblem):
         load, mean_pressure = self.totals(values, solution.load + self.load)
         area = solution.contact_area
         moment_x, moment_y = solution.moment_x + self._at_x, solution.moment_y + self._at_y
+        facts = dict(solution.problem)
+        if "largest_load" in facts:
+            facts["largest_load"] += self.load
         return replace(
             super().add_to(solution, values),
             pressure=p,
             extra=solution.extra | self._field,
+            problem=facts,
             load=load,
             mean_pressure=mean_pressure,
             max_pressure=-float(lowest),

@@ -84,7 +84,9 @@ def main(parsed):
             with solver:
                 solution = solver.solve(**request.loading)
                 if request.stiffness:
-                    solution = solver.with_stiffness(solution, tilts=bool(request.tilting))
+                    solution = solver.with_stiffness(
+                        solution, tilts=bool(request.tilting) and not any(solution.grid.repeats)
+                    )
             notes = solution.notes
         if request.flow:
             solution.flow()

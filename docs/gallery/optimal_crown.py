@@ -1,7 +1,7 @@
 """The crown of a roller that minimises the largest pressure, found by its derivatives.
 
-The maximum is not smooth, so a p-norm of the pressure takes its place. One solve gives its value. One more linear solve
-gives its derivatives with respect to the height of every cell, and so to any number of parameters of the crown.
+The maximum is not smooth, so a p-norm of the pressure takes its place. One solve gives its value. Two more linear
+solves give its derivatives with respect to the height of every cell, and so to any number of parameters of the crown.
 """
 
 import matplotlib.pyplot as plt

@@ -33,6 +33,19 @@ def test_a_centre_moments_and_a_tilt_are_options(cli_here, tmp_path):
     assert "tilt in x" in str(numbers_section(result))
 
 
+def test_a_tilt_on_a_patch_that_repeats_has_a_stiffness(cli_here, tmp_path):
+    file = tmp_path / "tilted.h5"
+    cylinder = (
+        "-problem cylinder -cylinder_radius 20 -grid 32 -domain -1,1,-1,1 -contact_modulus 115e3".split()
+    )
+    done = cli_here(
+        *cylinder, "-periodic", "y", "-load", 600, "-tilt", "1e-3,0", "-stiffness", "-output", file
+    )
+    assert done.returncode == 0, done.stderr
+    facts = read_result(file).attributes
+    assert facts["stiffness"] > 0 and "tilt_stiffness" not in facts
+
+
 def test_a_path_has_one_centre(cli_here, tmp_path):
     table = tmp_path / "path.csv"
     done = cli_here(*BALL, "-load_path", "100,400", "-load_centre", "0.125,0", "-path_csv", table)

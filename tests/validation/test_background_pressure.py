@@ -52,6 +52,8 @@ def test_random_problems_against_the_dense_solver(periodic, material, hardness):
         assert (net >= 0).all() and np.nanmin(found.gap) >= -1e-6
         assert found.mean_pressure == pytest.approx(found.pressure.mean(), rel=1e-9)
         assert found.max_pressure == found.pressure.max()
+        if hardness:
+            assert found.problem["largest_load"] == pytest.approx(carried + dense.largest_load, rel=1e-9)
         if found.contact.all():  # on a periodic patch the approach does not determine the load
             continue
         by_approach = solved(problem, approach=found.approach)
