@@ -70,6 +70,7 @@ def contact_system(hierarchy, distance, cells, rtol):
     the residual's norm.
     """
     operator = hierarchy.target
+    hierarchy.prepare_target()
     state = contact_state(operator, distance)
     with ExitStack() as stack:
         stack.callback(state.destroy)

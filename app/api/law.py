@@ -258,7 +258,7 @@ class Laws:
                     middle = sqrt(low * high)
                     rows[middle] = row = solve(middle)
                     wrong = _load_error([rows[low], rows[high]], row)
-                    if wrong > tolerance:
+                    if not wrong <= tolerance:
                         halves += [(low, middle, wrong), (middle, high, wrong)]
                     else:
                         error = max(error, wrong)
@@ -271,6 +271,10 @@ class Laws:
     def _law_row(self, bar, kind, flow, ratio, friction, share, number):
         """Solve for one load; return its row. Collective."""
         solution = self.with_stiffness(self.solve(**{kind: number}))
+        if np.isnan(solution.stiffness):
+            raise InputError(
+                f"law: {kind} {format_exact(number)}: the stiffness was not found: CG did not converge"
+            )
         if not 0 < solution.stiffness < np.inf:
             raise InputError(
                 f"law: {kind} {format_exact(number)}: the stiffness is {format_exact(solution.stiffness)}, as in full "

@@ -178,7 +178,7 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
             lists = allows_lists(self.settings, problem)
-            more = check_memory(self.comm, problem, grid, self.settings, lists)
+            lists, more = check_memory(self.comm, problem, grid, self.settings, lists)
             call_collectively(self.comm, check_disks, self.settings.texts, grid.n, only_root=True)
             with self.options.inserted():
                 self._set_up(lists, more)

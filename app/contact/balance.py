@@ -13,6 +13,7 @@ from app.parallel.reductions import sum_over
 
 _MOMENT_ROUNDING = 1e-12  # of a moment, over load and size of the patch
 _ANGLE_ROUNDING = 1e-9  # of an angle, over half a turn
+_PLACE_ROUNDING = 1e-12  # of a place, over the longer side of the patch
 _MAX_DIRECTIONS = 100  # each halves the part of the widest angle that exceeds half a turn
 _LEVEL_ROUNDING = 1e-14  # of a coordinate, over the largest one
 _LEAST_STEP = 1e-11  # of the search for the largest load [rad]
@@ -31,7 +32,8 @@ def surrounds(distance, place, comm):
     first, last, some = np.asarray(sum_over(comm, ends)).astype(int)
     x = grid.x()[np.append(first[some > 0], last[some > 0])] - place[0]
     y = np.tile(grid.y()[some > 0], 2) - place[1]
-    return _surround(x[away := (x != 0) | (y != 0)], y[away])[0]
+    away = np.hypot(x, y) > _PLACE_ROUNDING * max(grid.sides)
+    return _surround(x[away], y[away])[0]
 
 
 def _surround(x, y):

@@ -53,6 +53,7 @@ class FullContact:
             if self.postponed:
                 return None
         p = state.values
+        self.hierarchy.prepare_target()
         least, most = self._find_allowed(state.operator.exact_inverse, distance, p)
         wanted = wanted if prescribed else max(least, 0.0)
         if not least <= wanted <= most:

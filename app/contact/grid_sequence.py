@@ -65,18 +65,15 @@ class GridSequence:
         may be any object.
         """
         if self.hierarchy.gains_ranks(operator, self.following) and (comm := self.waiting_ranks(operator)):
-            results = (
-                self.depth,
-                self.tilt,
-                self._loading.shared_state,
-                self.outcome,
-                self.grid_numbers,
-                extra,
-            )
-            results = comm.bcast_or_raise(results)
-            self.depth, self.tilt, self._loading.shared_state, self.outcome, self.grid_numbers, extra = (
-                results
-            )
+            return self.share(comm, extra)
+        return extra
+
+    def share(self, comm, extra=None):
+        """Give all ranks of `comm` the results and `extra` of its rank 0; return `extra`. Collective."""
+        loading = self._loading
+        results = self.depth, self.tilt, loading.shared_state, self.outcome, self.grid_numbers, extra
+        results = comm.bcast_or_raise(results)
+        self.depth, self.tilt, loading.shared_state, self.outcome, self.grid_numbers, extra = results
         return extra
 
     def result(self, state, difference=float("nan"), least=0.0, numbers=None):

@@ -283,17 +283,18 @@ class TiltedLoad(PrescribedLoad):
         If the grid of the state is too large, it is a coarser one, whose cells are in contact if one of theirs is. If
         the surface compliance varies, the stiffness then stays unknown.
         """
-        grid, operator, width = state.grid, state.operator, 1
+        grid, operator, height, width = state.grid, state.operator, 1, 1
         while grid.n > MAX_DIRECT_CELLS:
-            grid, width = grid.coarsen(), 2 * width
+            (ny, nx), grid = grid.shape, grid.coarsen()
+            height, width = height * (1 + (ny > grid.ny)), width * (1 + (nx > grid.nx))
         contact, (rows, columns) = np.zeros(grid.shape), np.nonzero(state.contact)
-        contact[(rows + operator.slabs.rows.start) // width, columns // width] = 1.0
+        contact[(rows + operator.slabs.rows.start) // height, columns // width] = 1.0
         cells = np.flatnonzero(state.sum(contact))
-        if not cells.size or (width > 1 and operator.compliance is not None):
+        if not cells.size or (grid is not state.grid and operator.compliance is not None):
             return
         x, y = self.coordinates(grid, slice(None))
         phi = np.stack([field.ravel()[cells] for field in np.broadcast_arrays(1.0, x, y[:, None])], axis=1)
-        matrix = operator.matrix() if width == 1 else dense_matrix(grid, operator.kernel)
+        matrix = operator.matrix() if grid is state.grid else dense_matrix(grid, operator.kernel)
         matrix = matrix[np.ix_(cells, cells)]
         stiffness = grid.cell_area * phi.T @ np.linalg.solve(matrix, phi)
         self.slope = stiffness + MIN_STIFFNESS_RATIO * stiffness[0, 0] * np.eye(3)

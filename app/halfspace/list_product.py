@@ -79,7 +79,7 @@ _LEAST_INVERSE = 1e-3  # least eigenvalue of a preconditioner, over the largest 
 _CELL = np.polynomial.legendre.leggauss(4)  # Gaussians are at least ten times as wide as a cell.
 SPACINGS = 4, 8, 16, 32, 64  # longer sides of cells between nodes
 _MOST_NODES = 150  # in each direction, if nothing is known about the lists
-_MAX_SLOWER = 1.5  # largest time of a product that is fast, over that with the best spacing
+MAX_SLOWER = 1.5  # largest time of a product that is kept, over that with the best spacing
 _LARGEST_TABLE = 4096  # cells of a grid on which all pairs of cells are summed
 # Times in units of a point of a transform.
 _PAIR, _WINDOW_NODE, _NODE = 0.7, 0.05, 0.6  # of a pair of segments, a node of a window, and a node
@@ -116,7 +116,7 @@ class ListProduct:
         if not self.suits(grid, kernel):
             raise InputError("list products: must be a free patch of half-spaces or layered bodies")
         self.grid, self.kernel = grid, kernel
-        self._split = split = _choose_split(grid, cells) if spacing is None else Split(grid, spacing)
+        self._split = split = self.choose_split(grid, cells) if spacing is None else Split(grid, spacing)
         self.spacing, self.radius = split.spacing, split.radius
         self.diagonal = float(kernel.coefficients(grid, np.arange(1), 1)[0, 0])
         if not split.spacing:
@@ -195,20 +195,22 @@ class ListProduct:
         """Replace the values of the nodes by their convolution with S."""
         self._smooth.apply(nodes, nodes)
 
+    @staticmethod
+    def choose_split(grid, cells):
+        """Return the split whose products from `cells` to `cells` take the least time."""
+        if grid.n <= _LARGEST_TABLE:
+            return Split(grid, 0)
+        splits = [Split(grid, spacing) for spacing in SPACINGS]
+        if cells is None:
+            return next((s for s in splits if max(grid.shape) <= _MOST_NODES * min(s.steps)), splits[-1])
+        return min(splits, key=lambda split: split.cost(cells, cells))
+
     def cost(self, sources, targets):
         """Estimate the time of a product, in units of `EvenMultiplier.points`.
 
         The time of a product on all cells is the product of its `periods` in this unit.
         """
         return self._split.cost(sources, targets)
-
-    def is_fast(self, cells):
-        """Return whether products from `cells` to `cells` are nearly as fast as with the best spacing of nodes."""
-        best = self._choose_split(cells).cost(cells, cells)
-        return self._split.cost(cells, cells) <= _MAX_SLOWER * best
-
-    def _choose_split(self, cells):
-        return _choose_split(self.grid, cells)
 
     def stencil(self, radius):
         """Return the sums with an inverse of A, cut off at `radius` cells.
@@ -252,16 +254,6 @@ def displacement_on_rows(grid, kernel, cells, p, rows):
 
     spacing = 0 if grid.n <= _LARGEST_TABLE else min(SPACINGS, key=cost)
     return ListProduct(grid, kernel, spacing=spacing).apply_on_rows(sources, p, rows)
-
-
-def _choose_split(grid, cells):
-    """Return the split whose products from `cells` to `cells` take the least time."""
-    if grid.n <= _LARGEST_TABLE:
-        return Split(grid, 0)
-    splits = [Split(grid, spacing) for spacing in SPACINGS]
-    if cells is None:
-        return next((s for s in splits if max(grid.shape) <= _MOST_NODES * min(s.steps)), splits[-1])
-    return min(splits, key=lambda split: split.cost(cells, cells))
 
 
 class Split:

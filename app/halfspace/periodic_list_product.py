@@ -33,6 +33,7 @@ from app.halfspace.list_product import (
     fit_gaussians,
     node_window,
 )
+from app.halfspace.one_way_kernel import patch_kernel
 
 _MIN_CELLS = 512  # of a grid in each direction
 _MIN_NODES = 2 * WINDOW  # in a period
@@ -63,14 +64,12 @@ class PeriodicListProduct(ListProduct):
         self.grid, self.kernel = grid, kernel
         if spacing is not None:
             splits, cells = [split for split in splits if split.spacing == spacing], None
-        self._split = split = splits[0] if cells is None else self._choose_split(cells)
+        self._split = split = splits[0] if cells is None else self.choose_split(grid, cells)
         self.spacing, self.radius = split.spacing, split.radius
         rows, columns = (
             n // 2 + 1 if whole else n for n, whole in zip(grid.shape, grid.repeats, strict=True)
         )
-        self.quadrant, read_rows = np.empty((rows, columns)), quadrant_rows(grid, kernel)
-        for block in row_blocks(rows, columns):
-            self.quadrant[block] = read_rows(block, columns)
+        self.quadrant = _quadrant(grid, kernel, rows, columns)
         self.diagonal = float(self.quadrant[0, 0])
         nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
         longest = _FIT_RANGE[bool(grid.one_way)] * np.hypot(*grid.sides)
@@ -97,8 +96,10 @@ class PeriodicListProduct(ListProduct):
         """Return whether the patch is large and periodic, and the bodies half-spaces or layered."""
         return bool(grid.periodic) and kernel.has_image_sums and bool(_splits(grid))
 
-    def _choose_split(self, cells):
-        return min(_splits(self.grid), key=lambda split: split.cost(cells, cells))
+    @staticmethod
+    def choose_split(grid, cells):
+        """Return the split whose products from `cells` to `cells` take the least time."""
+        return min(_splits(grid), key=lambda split: split.cost(cells, cells))
 
     def _axis(self, n, size, step, period, repeats, t):
         if repeats:
@@ -163,6 +164,21 @@ class PeriodicListProduct(ListProduct):
         """Return the sums with an inverse of A; see `ListProduct.stencil`."""
         inverse = self._inverse(self.quadrant[: 4 * radius + 1, : 4 * radius + 1].copy(), radius)
         return _PeriodicSum(self.grid, inverse)
+
+
+def _quadrant(grid, kernel, rows, columns):
+    """Return influence coefficients at the first offsets, by blocks that have all offsets of the free direction."""
+    quadrant = np.empty((rows, columns))
+    if grid.one_way == "x":
+        kernel = patch_kernel(kernel, grid)
+        for block in row_blocks(columns, rows):
+            offsets = np.arange(rows), np.arange(columns)[block]
+            quadrant[:, block] = kernel.compliance * kernel.unit_coefficients(grid, *offsets)
+        return quadrant
+    read_rows = quadrant_rows(grid, kernel)
+    for block in row_blocks(rows, columns):
+        quadrant[block] = read_rows(block, columns)
+    return quadrant
 
 
 def displacement_on_rows(grid, kernel, cells, p, rows):

@@ -267,7 +267,8 @@ class Inexact(Strategy):
         hierarchy, stop, lists = self._hierarchy, InexactStop.of(self._settings), self._lists
         lists = lists if lists and lists.suit(len(hierarchy.levels) - 1, loading) else None
         if lists and start is not None and (loaded := lists.loaded_cells(start)):
-            if solved := lists.resume(*loaded, start.load, loading, stop, history):
+            cells, pressures = loaded
+            if cells.size and (solved := lists.resume(cells, pressures, start.load, loading, stop, history)):
                 return solved
             start = None
         return self._solve_grids(loading, history, stop, start, lists)

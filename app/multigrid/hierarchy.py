@@ -38,8 +38,17 @@ _MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows s
 def check_memory(comm, problem, grid, settings, lists=False):
     """Raise if a host lacks memory for a problem's target grid. Collective.
 
-    If grids may be solved on `lists` of cells, only the memory of this is checked. Return the number of doubles that
-    this rank needs in addition if they are not.
+    Parameters
+    ----------
+    lists : bool
+        Whether grids may be solved on lists of cells. If these fit, only their memory is checked.
+
+    Returns
+    -------
+    lists : bool
+        Whether they fit.
+    more : float
+        Number of doubles that this rank needs in addition for solves on all cells.
     """
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
@@ -49,13 +58,18 @@ def check_memory(comm, problem, grid, settings, lists=False):
     parts = problem.hardness is not None, not problem.material.is_half_space, problem.compliance is not None
     per_cell = doubles_per_cell(settings, grid.doubly_periodic, *parts)
     doubles = cells * per_cell + doubles_in_strips(grid)
-    first = doubles
     if lists:
-        per_cell = LISTS + PERIODIC_LISTS * bool(grid.periodic) + WHOLE_SHAPE * (not problem.by_rows)
-        per_cell += HARDNESS * (problem.hardness is not None)
-        first = min(cells * per_cell, doubles)
-    check_host_memory(ranks.comm, grid, first)
-    return doubles - first
+        own = LISTS + WHOLE_SHAPE * (not problem.by_rows) + HARDNESS * (problem.hardness is not None)
+        on_each = PERIODIC_LISTS * bool(grid.periodic)  # each rank has all influence coefficients
+        first = cells * own + on_each * grid.n
+        try:
+            check_host_memory(ranks.comm, grid, first)
+            return True, max(doubles - first, 0.0)
+        except InputError:
+            if own + on_each * comm.size < per_cell:
+                raise
+    check_host_memory(ranks.comm, grid, doubles)
+    return False, 0.0
 
 
 def _check_equal_on_ranks(comm, problem):

@@ -254,6 +254,15 @@ def test_a_near_start_takes_fewer_products(forced):
     assert {*again.history["level"]} == {max(afresh.history["level"])}
 
 
+def test_a_start_without_contact_is_no_reason_to_solve_on_all_cells(forced):
+    problem = ContactProblem(GRID, MATERIAL, balls(np.random.default_rng(7)))
+    with ContactSolver(problem) as solver:
+        nothing, afresh = solver.solve(load=0), solver.solve(load=0.3)
+        again = solver.solve(load=0.3, start=nothing)
+    np.testing.assert_array_equal(again.pressure, afresh.pressure)
+    assert again.operator_applications == afresh.operator_applications
+
+
 def test_listeners_get_fields_and_numbered_iterations(forced):
     seen, gap = [], np.full(GRID.shape, 5.0)
     y, x = np.ogrid[:24, :28]

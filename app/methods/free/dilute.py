@@ -35,7 +35,7 @@ from app.contact.state import ContactState
 from app.halfspace.cell_list import CellList
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.layered_kernel import LayeredKernel
-from app.halfspace.list_product import uniform_displacement
+from app.halfspace.list_product import MAX_SLOWER, uniform_displacement
 from app.halfspace.periodic_list_product import PeriodicListProduct, displacement_on_rows
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.list_solver import CountedProduct, ListOperator, ListSolver, ListState
@@ -154,8 +154,9 @@ class DiluteContact:
         """Return whether lists are possible on a grid: for half-spaces and layered bodies."""
         if grid.n < MIN_CELLS:
             return False
-        if not grid.periodic:
-            return type(kernel) in (HalfSpaceKernel, LayeredKernel)
+        usual = type(kernel.base if grid.periodic else kernel) in (HalfSpaceKernel, LayeredKernel)
+        if not (usual and grid.periodic):
+            return usual
         sides = zip(grid.shape, grid.repeats, strict=True)
         whole_blocks = all(n % BLOCK == 0 for n, repeats in sides if repeats)
         return whole_blocks and PeriodicListProduct.suits(grid, kernel)
@@ -176,15 +177,13 @@ class DiluteContact:
         capped = distance.bounds.capped and distance.patch.doubly_periodic
         return not capped and self.suits(distance.patch, kernel)
 
-    def solve(self, first, coarse, depth, loading, stop, history, grids):
+    def solve(self, first, coarse, loading, stop, history, grids):
         """Solve level `first` and all finer ones.
 
         Parameters
         ----------
         coarse : (ndarray, ndarray)
             This rank's cells in contact of the next coarser grid, and their pressures [N/mm2].
-        depth : float
-            Depth found there [mm].
         loading, stop, history, grids
             See `app.methods.free.nested.nested_iteration`; `grids` is the GridSequence.
 
@@ -197,7 +196,8 @@ class DiluteContact:
         coarse = [self._join(values) for values in coarse]
         if not self._are_cheaper(first, coarse[0]):
             return None
-        loading, numbers = copy.deepcopy(loading), []  # as before, if lists fail
+        grids.share(self._comm)
+        depth, loading, numbers = grids.depth, copy.deepcopy(loading), []  # as before, if lists fail
         last = len(self._hierarchy.levels) - 1
         for number in range(first, last + 1):
             test = stop if number == last else stop.for_coarse_grid()
@@ -205,6 +205,7 @@ class DiluteContact:
                 cells = _refine(*coarse, self._hierarchy.levels[number].grid)
                 found = self._solve_level(number, cells, loading.predict(depth), loading, test, history)
             except ListsFail:
+                self._products.clear()
                 return None
             before, coarse, depth = coarse, found.loaded, found.depth
             loading.record(depth)
@@ -221,11 +222,14 @@ class DiluteContact:
         return state, difference, numbers[-1]
 
     def loaded_cells(self, start):
-        """Return contact cells and pressures of a checked Solution `start`, on all ranks; None if lists do not pay."""
+        """Return contact cells and pressures of a checked Solution `start`, on all ranks; None if lists do not pay.
+
+        There are no cells if the start has no contact.
+        """
         own = np.flatnonzero(start.contact)
         cells = self._join(own + start.slabs.rows.start * start.grid.nx)
         parents = np.unique(_parents(cells, start.grid))
-        if not cells.size or not self._are_cheaper(len(self._hierarchy.levels) - 1, parents):
+        if cells.size and not self._are_cheaper(len(self._hierarchy.levels) - 1, parents):
             return None
         return cells, self._join(start.pressure.reshape(-1)[own])
 
@@ -248,6 +252,7 @@ class DiluteContact:
             p, depth = self._comm.bcast_or_raise((p, depth))
             found = self._solve_level(number, (cells, p), depth, loading, stop, history, copied=False)
         except ListsFail:
+            self._products.clear()
             return None
         return ExpandedState(level, distance, found, self._products[number]), found.outcome
 
@@ -271,14 +276,18 @@ class DiluteContact:
 
         The cost of a product decides. The work on all cells is shared by all ranks, that on lists is not.
         """
-        grid = self._hierarchy.levels[number].grid
-        if cells.size > MAX_SHARE * grid.n:
+        level, product = self._hierarchy.levels[number], self._products.get(number)
+        grid, least = level.grid, np.inf
+        most = (MAX_COST_PERIODIC if grid.doubly_periodic else MAX_COST) / self._comm.size
+        if cells.size <= MAX_SHARE * grid.n:
+            children = CellList(grid, _children(cells, grid))
+            least = CountedProduct.least_cost(level, children)
+        if least >= most:
+            self._products.clear()  # the memory is for all cells
             return False
-        children = CellList(grid, _children(cells, grid))
-        product, most = self._products.get(number), MAX_COST_PERIODIC if grid.doubly_periodic else MAX_COST
-        if product and not product.is_fast(children):
+        if product and product.cost(children, children) > MAX_SLOWER * least:
             self._products.clear()  # of a much larger or smaller load
-        return self._product(number, children).cost(children, children) < most / self._comm.size
+        return self._product(number, children).cost(children, children) < most
 
     def _product(self, number, cells):
         if number not in self._products:

@@ -46,12 +46,16 @@ class CountedProduct:
 
     def __init__(self, hierarchy, number, cells):
         self._hierarchy, self._level = hierarchy, hierarchy.levels[number]
-        self.grid, kernel = self._level.grid, self._level.kernel
-        kind = PeriodicListProduct if self.grid.periodic else ListProduct
-        self._product = product = kind(self.grid, kernel, cells=cells)
+        self.grid = self._level.grid
+        self._product = product = _kind(self.grid)(self.grid, self._level.kernel, cells=cells)
         self.error_bound, self.diagonal = product.error_bound, product.diagonal
         self.quadrant = product.quadrant if self.grid.periodic else None
         self.inverse, self._last = product.stencil(STENCIL_RADIUS), (None, 0.0)
+
+    @staticmethod
+    def least_cost(level, cells):
+        """Return the least `cost` of a product from `cells` to `cells`, of any spacing of nodes."""
+        return _kind(level.grid).choose_split(level.grid, cells).cost(cells, cells) / level.product_points
 
     def cost(self, sources, targets):
         """Return the estimated time of a product, over that of a product on all cells of the level."""
@@ -61,14 +65,14 @@ class CountedProduct:
             self._last = (sources, targets), cost
         return cost
 
-    def is_fast(self, cells):
-        """Return whether products from `cells` to `cells` are fast; see `ListProduct.is_fast`."""
-        return self._product.is_fast(cells)
-
     def apply(self, sources, p, targets, out=None):
         """Return u at the targets [mm]; see `ListProduct.apply`."""
         self._hierarchy.count_products(self._level, self.cost(sources, targets))
         return self._product.apply(sources, p, targets, out)
+
+
+def _kind(grid):
+    return PeriodicListProduct if grid.periodic else ListProduct
 
 
 class ListedProduct:
@@ -202,7 +206,9 @@ class _Values:
     def forward(self, field):
         if field.dtype == bool:
             return np.ones(self._b.shape, bool)
-        return self._b if field is self._whole.b else self._upper
+        if field is self._whole.b:
+            return self._b
+        return self._upper if field is self._whole.bounds.upper else None
 
 
 class ListState(WindowState):

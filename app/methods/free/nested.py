@@ -49,9 +49,10 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
     grids = GridSequence(hierarchy, distances, loading, nested)
     difference, least_difference = float("nan"), settings.coarse_rtol / MAX_COARSE_ERROR
     for number in grids:
-        if lists and coarse is not None and lists.suit(number, loading):
-            cells = level.loaded_cells()
-            if solved := lists.solve(number, cells, grids.depth, loading, stop, history, grids):
+        if lists and (coarse is not None or grids.at_target) and lists.suit(number, loading):
+            if coarse is not None and (
+                solved := lists.solve(number, level.loaded_cells(), loading, stop, history, grids)
+            ):
                 coarse.destroy()
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, least_difference, numbers)

@@ -38,6 +38,8 @@ def primal_iteration(
     if loading.misses_contact(distances[last]):  # rounding would find a pressure in cells that just touch
         state = PeriodicState(hierarchy.target, distances[last])
         loading.set_depth(state)
+        if lists:
+            use_all_cells()
         history.start(state, cache.solver(last, hierarchy.target))
         state.start_from_interpenetration()
         return state, Outcome(True, NO_CONTACT)
@@ -45,9 +47,10 @@ def primal_iteration(
     grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:
-        if lists and coarse is not None and lists.suit(number, loading):
-            cells, depth = coarse.loaded_cells(), grids.depth
-            if solved := lists.solve(number, cells, depth, loading, stop, history, grids):
+        if lists and (coarse is not None or grids.at_target) and lists.suit(number, loading):
+            if coarse is not None and (
+                solved := lists.solve(number, coarse.loaded_cells(), loading, stop, history, grids)
+            ):
                 coarse.destroy()
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, numbers=numbers)
