@@ -203,7 +203,7 @@ class ListProduct:
         splits = [Split(grid, spacing) for spacing in SPACINGS]
         if cells is None:
             return next((s for s in splits if max(grid.shape) <= _MOST_NODES * min(s.steps)), splits[-1])
-        return min(splits, key=lambda split: split.cost(cells, cells))
+        return cells.cached("split", lambda: min(splits, key=lambda split: split.cost(cells, cells)))
 
     def cost(self, sources, targets):
         """Estimate the time of a product, in units of `EvenMultiplier.points`.

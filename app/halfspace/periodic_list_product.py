@@ -99,7 +99,7 @@ class PeriodicListProduct(ListProduct):
     @staticmethod
     def choose_split(grid, cells):
         """Return the split whose products from `cells` to `cells` take the least time."""
-        return min(_splits(grid), key=lambda split: split.cost(cells, cells))
+        return cells.cached("split", lambda: min(_splits(grid), key=lambda split: split.cost(cells, cells)))
 
     def _axis(self, n, size, step, period, repeats, t):
         if repeats:

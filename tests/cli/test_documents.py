@@ -21,7 +21,7 @@ NAV = next(
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS, *LAW_ARGUMENTS)}
-OTHERS = {"options_file", "o", "skip_petscrc", "help", "citations", "cone_slope"}
+OTHERS = {"fp_trap", "options_file", "o", "skip_petscrc", "help", "citations", "cone_slope"}
 OTHERS |= {"contact_area", "contact_area_path"}  # of an example
 PETSCS = re.compile(
     r"((punch_|gear_|flow_)?(ksp|pc)|mg_levels|mg_coarse|snes|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
