@@ -165,14 +165,25 @@ def test_wheel_has_every_file_of_the_package(installed):
     assert not wanted - there
 
 
-def test_source_distribution_has_the_types(tmp_path):
-    copy_tree(tmp_path / "tree")
+def test_source_distribution_has_types_and_tests(tmp_path):
+    copy_tree(tree := tmp_path / "tree")
+    for name in ("docs", "run", "tests"):
+        shutil.copytree(SOURCE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("CITATION.cff", "MANIFEST.in", "conftest.py"):
+        shutil.copy(SOURCE / name, tree)
     done = run("setup.py", "--quiet", "sdist", "--dist-dir", tmp_path, cwd=tmp_path / "tree")
     assert done.returncode == 0, done.stderr
     (archive,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(archive) as files:
         names = {name.partition("/")[2] for name in files.getnames()}
     assert {"app/py.typed", "app/__init__.pyi", "app/reference/__init__.pyi"} <= names
+    assert {
+        "conftest.py",
+        "run/test",
+        "docs/index.md",
+        "tests/cli/test_installed.py",
+        "CITATION.cff",
+    } <= names
 
 
 def test_every_command_is_on_path(installed):
