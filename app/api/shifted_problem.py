@@ -186,9 +186,9 @@ class BackgroundPressure(ShiftedProblem):
         load, mean_pressure = self.totals(values, solution.load + self.load)
         area = solution.contact_area
         moment_x, moment_y = solution.moment_x + self._at_x, solution.moment_y + self._at_y
-        facts = dict(solution.problem)
+        facts = solution.problem
         if "largest_load" in facts:
-            facts["largest_load"] += self.load
+            facts = facts | {"largest_load": facts["largest_load"] + self.load}
         return replace(
             super().add_to(solution, values),
             pressure=p,

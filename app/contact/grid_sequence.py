@@ -18,6 +18,8 @@ class GridSequence:
     ----------
     following : int
         Number of the level that is solved after the present level.
+    only_target : bool
+        True if no coarser grid is used.
     at_target : bool
         True on the target grid, which is the last one.
     outcome : Outcome or None
@@ -32,6 +34,7 @@ class GridSequence:
         self.hierarchy, self._loading = hierarchy, loading
         self._last = len(hierarchy.levels) - 1
         self._route = [self._last] if only_target else _route(hierarchy, distances, loading, nested)
+        self.only_target = self._route[0] == self._last
         self.outcome, self.depth, self.grid_numbers, self.at_target = None, 0.0, [], False
         self.tilt = distances[-1].tilt
 

@@ -285,8 +285,8 @@ class TiltedLoad(PrescribedLoad):
         """
         grid, operator, height, width = state.grid, state.operator, 1, 1
         while grid.n > MAX_DIRECT_CELLS:
-            (ny, nx), grid = grid.shape, grid.coarsen()
-            height, width = height * (1 + (ny > grid.ny)), width * (1 + (nx > grid.nx))
+            (in_y, in_x), grid = grid.coarsening(), grid.coarsen()
+            height, width = height * in_y, width * in_x
         contact, (rows, columns) = np.zeros(grid.shape), np.nonzero(state.contact)
         contact[(rows + operator.slabs.rows.start) // height, columns // width] = 1.0
         cells = np.flatnonzero(state.sum(contact))

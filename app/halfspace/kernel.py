@@ -331,7 +331,7 @@ class HalfSpaceKernel(Kernel):
 
     def unit_coefficients(self, grid, rows, columns):
         """Return coefficients for unit compliance; see `Kernel.unit_coefficients`."""
-        return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
+        return love_coefficients((grid.dx, grid.dy), 1.0, rows, columns)
 
     def layer_influence(self, distances):
         """Return zeros: half-spaces have no layers."""

@@ -93,7 +93,7 @@ class LayeredKernel(Kernel):
 
     def unit_coefficients(self, grid, rows, columns):
         """Return coefficients for unit compliance; see `Kernel.unit_coefficients`."""
-        love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
+        love = love_coefficients((grid.dx, grid.dy), 1.0, rows, columns)
         total = self.other * love
         for layer in self.layers:
             own = layered_coefficients(layer, (grid.dx, grid.dy), rows, columns, love)

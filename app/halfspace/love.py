@@ -62,8 +62,8 @@ def _edge(distance, i, length):
 
 
 @njit(makes_arrays=True, error_model="numpy", fastmath={"contract"})
-def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Compute rows of the quadrant of influence coefficients.
+def _fill(quadrant, offsets, first, sides, squares, series, near, far):
+    """Compute rows of the quadrant of influence coefficients, from the offset `first` in x on.
 
     A coefficient is `near` times the integral of 1/rho over the cell, or, far away, `far` times the mean of 1/rho. The
     integral over the cell is a sum over its edges: signed distance times integral of 1/rho along the edge, because
@@ -71,19 +71,22 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
     """
     columns = quadrant.shape[1]
     dx, dy = sides
-    x_squared = squares[0] * np.arange(columns) ** 2
+    x_squared = squares[0] * np.arange(first, first + columns) ** 2
     coefficients = np.empty(_ORDER + 1)
     for index in range(len(offsets)):
         j, row = offsets[index], quadrant[index]
         y_squared = squares[1] * j**2
         south, north = (j - 0.5) * dy, (j + 0.5) * dy
-        west = -0.5 * dx * _edge(0.5 * dx, j, dy)
+        x = (first - 0.5) * dx
+        west = x * _edge(abs(x), j, dy)
         i = 0
         while i < columns and x_squared[i] + y_squared < _MAX_CLOSED_FORM_DISTANCE**2:
-            x = (i + 0.5) * dx
+            x = (first + i + 0.5) * dx
             east = x * _edge(x, j, dy)
             # (2.4)
-            row[i] = near * (east - west + north * _edge(north, i, dx) - south * _edge(south, i, dx))
+            row[i] = near * (
+                east - west + north * _edge(north, first + i, dx) - south * _edge(south, first + i, dx)
+            )
             west = east
             i += 1
         # Along a row the series is a polynomial of 1/r^2.
@@ -106,11 +109,14 @@ def love_coefficients(cell, compliance, rows, columns):
     """Return influence coefficients of an elastic half-space (not periodic).
 
     `cell` is the size (dx, dy) of a cell [mm], `compliance` is (1 - nu) / (pi G) [mm2/N]. `rows` is an array of offsets
-    in y; the offsets in x are 0 to `columns` - 1. The shape is (rows, columns), the unit mm / (N/mm2).
+    in y, `columns` one of offsets in x, or their number from 0 on. The shape is (rows, columns), the unit mm / (N/mm2).
     """
-    quadrant = np.empty((len(rows), columns))
+    columns = np.arange(columns) if np.ndim(columns) == 0 else columns
+    first, last = (int(columns.min()), int(columns.max())) if len(columns) else (0, -1)
+    quadrant = np.empty((len(rows), last + 1 - first))
     sides, squares, series = _taylor_series(*cell)
     near, far = float(compliance * max(cell)), float(compliance * min(cell))  # (2.5)
     with events.coeffs:
-        _fill(quadrant, rows, sides, squares, series, near, far)
-    return quadrant
+        _fill(quadrant, rows, first, sides, squares, series, near, far)
+    places = columns - first
+    return quadrant if np.array_equal(places, np.arange(quadrant.shape[1])) else quadrant[:, places]

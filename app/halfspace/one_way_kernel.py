@@ -125,7 +125,8 @@ class OneWayKernel(Kernel):
         count = max(count, int(across.max(initial=0)) + 1)
         waves = _wave_integrals(width, period, count)[:, across]
         k = np.arange(1, _WAVES + 1)
-        cosines = np.cos(2 * np.pi / n * (np.outer(folded, k) % n)) * (4 * length / period * np.sinc(k / n))
+        cosines = np.cos(2 * np.pi / n * np.arange(n))[np.outer(folded, k) % n]
+        cosines *= 4 * length / period * np.sinc(k / n)
         total = cosines @ waves
         near = (across - 0.5) * width < _NEAR * period
         total[:, ~near] += 2 * length / period * _log_integrals(self.datum, across[~near], width)
@@ -149,7 +150,7 @@ class OneWayKernel(Kernel):
         total = np.zeros((along.size, across.size))
         for m in range(-_COPIES, _COPIES + 1):
             distances = np.abs(along + m * n)
-            total += love_coefficients((width, length), 1.0, distances, int(across.max()) + 1)[:, across]
+            total += love_coefficients((width, length), 1.0, distances, across)
         in_y, in_x = (_even_powers(at, size / period) for at, size in ((along, length), (across, width)))
         constant = np.log(self.datum / (2 * period)) - sum(1 / m for m in range(1, _COPIES + 1))
         rest = 2 / period * (constant + np.euler_gamma + in_y @ _smooth_rest() @ in_x.T)
@@ -277,7 +278,7 @@ def _layer_integrals(layer, n, length, width, along, across, count, half_space):
         return total
     inner, columns = min(width, 2 * _REACH * period), across[near]
     rows, index = np.unique(np.abs(along + n * np.arange(-1, 2)[:, None]), return_inverse=True)
-    love = love_coefficients((inner, length), 1.0, rows, int(columns.max()) + 1)[:, columns]
+    love = love_coefficients((inner, length), 1.0, rows, columns)
     own = layered_coefficients(layer, (inner, length), rows, columns, love) - limit * love
     total[:, near] += own[index.reshape(3, -1)].sum(axis=0)
     sides = (n // 2 + 0.5) * length, (min(count, int(_REACH * period / width + 0.5) + 1) - 0.5) * inner

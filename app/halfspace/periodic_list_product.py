@@ -33,7 +33,6 @@ from app.halfspace.list_product import (
     fit_gaussians,
     node_window,
 )
-from app.halfspace.one_way_kernel import patch_kernel
 
 _MIN_CELLS = 512  # of a grid in each direction
 _MIN_NODES = 2 * WINDOW  # in a period
@@ -69,7 +68,9 @@ class PeriodicListProduct(ListProduct):
         rows, columns = (
             n // 2 + 1 if whole else n for n, whole in zip(grid.shape, grid.repeats, strict=True)
         )
-        self.quadrant = _quadrant(grid, kernel, rows, columns)
+        self.quadrant, read_rows = np.empty((rows, columns)), quadrant_rows(grid, kernel)
+        for block in row_blocks(rows, columns):
+            self.quadrant[block] = read_rows(block, columns)
         self.diagonal = float(self.quadrant[0, 0])
         nearest = split.radius - np.hypot(grid.dx, grid.dy) / 2
         longest = _FIT_RANGE[bool(grid.one_way)] * np.hypot(*grid.sides)
@@ -164,21 +165,6 @@ class PeriodicListProduct(ListProduct):
         """Return the sums with an inverse of A; see `ListProduct.stencil`."""
         inverse = self._inverse(self.quadrant[: 4 * radius + 1, : 4 * radius + 1].copy(), radius)
         return _PeriodicSum(self.grid, inverse)
-
-
-def _quadrant(grid, kernel, rows, columns):
-    """Return influence coefficients at the first offsets, by blocks that have all offsets of the free direction."""
-    quadrant = np.empty((rows, columns))
-    if grid.one_way == "x":
-        kernel = patch_kernel(kernel, grid)
-        for block in row_blocks(columns, rows):
-            offsets = np.arange(rows), np.arange(columns)[block]
-            quadrant[:, block] = kernel.compliance * kernel.unit_coefficients(grid, *offsets)
-        return quadrant
-    read_rows = quadrant_rows(grid, kernel)
-    for block in row_blocks(rows, columns):
-        quadrant[block] = read_rows(block, columns)
-    return quadrant
 
 
 def displacement_on_rows(grid, kernel, cells, p, rows):

@@ -171,7 +171,7 @@ def test_source_distribution_has_types_and_tests(tmp_path):
         shutil.copytree(SOURCE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("CITATION.cff", "MANIFEST.in", "conftest.py"):
         shutil.copy(SOURCE / name, tree)
-    done = run("setup.py", "--quiet", "sdist", "--dist-dir", tmp_path, cwd=tmp_path / "tree")
+    done = run("setup.py", "--quiet", "sdist", "--dist-dir", tmp_path, cwd=tree)
     assert done.returncode == 0, done.stderr
     (archive,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(archive) as files:

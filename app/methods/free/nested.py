@@ -44,15 +44,14 @@ def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimu
     settings, comm, level, coarse, boxes = stop.settings, hierarchy.comm, None, None, None
     lifts = settings.prolongation == "lift" and hierarchy.target.compliance is None
     nested, prolong = settings.nested, lift if lifts else None
+    grids = GridSequence(hierarchy, distances, loading, nested)
+    lists = None if grids.only_target else lists  # they begin with the contact on a coarser grid
     if hierarchy.lists and not lists:
         hierarchy.prepare_target()  # first: it lends its storage
-    grids = GridSequence(hierarchy, distances, loading, nested)
     difference, least_difference = float("nan"), settings.coarse_rtol / MAX_COARSE_ERROR
     for number in grids:
-        if lists and (coarse is not None or grids.at_target) and lists.suit(number, loading):
-            if coarse is not None and (
-                solved := lists.solve(number, level.loaded_cells(), loading, stop, history, grids)
-            ):
+        if lists and coarse is not None and lists.suit(number, loading):
+            if solved := lists.solve(number, level.loaded_cells(), loading, stop, history, grids):
                 coarse.destroy()
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, least_difference, numbers)

@@ -34,23 +34,21 @@ def primal_iteration(
     are left out. If the DiluteContact `lists` does not solve the fine grids, ``use_all_cells()`` is called before
     they are solved on all cells.
     """
-    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
+    last, comm, nested = len(hierarchy.levels) - 1, hierarchy.comm, stop.settings.nested
+    grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
+    if lists and grids.only_target:  # lists begin with the contact on a coarser grid
+        lists = None
+        use_all_cells()
     if loading.misses_contact(distances[last]):  # rounding would find a pressure in cells that just touch
         state = PeriodicState(hierarchy.target, distances[last])
         loading.set_depth(state)
-        if lists:
-            use_all_cells()
         history.start(state, cache.solver(last, hierarchy.target))
         state.start_from_interpenetration()
         return state, Outcome(True, NO_CONTACT)
-    nested = stop.settings.nested
-    grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:
-        if lists and (coarse is not None or grids.at_target) and lists.suit(number, loading):
-            if coarse is not None and (
-                solved := lists.solve(number, coarse.loaded_cells(), loading, stop, history, grids)
-            ):
+        if lists and coarse is not None and lists.suit(number, loading):
+            if solved := lists.solve(number, coarse.loaded_cells(), loading, stop, history, grids):
                 coarse.destroy()
                 state, difference, numbers = solved
                 return state, grids.result(state, difference, numbers=numbers)
